@@ -1,0 +1,67 @@
+"""Boards as int64 words, 64 cells a word: bit c % 64 of word c // 64 says whether cell c holds an obstacle.
+
+B denotes the batch, G the number of cells, W = ceil(G / 64) the words of a board.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+WORD = 64
+
+
+def n_words(n_cells: int) -> int:
+    """W: how many int64 words hold `n_cells` cells."""
+    return -(-n_cells // WORD)
+
+
+def cell_bits(n_cells: int, device: torch.device | str | None = None) -> Tensor:
+    """Int64[G, W]: the board that has an obstacle on cell g alone, for each g."""
+    cell = torch.arange(n_cells, device=device)
+    word = torch.arange(n_words(n_cells), device=device)
+    return torch.where((cell // WORD)[:, None] == word, (torch.ones_like(cell) << (cell % WORD))[:, None], 0)
+
+
+def pack(occupied: Tensor) -> Tensor:
+    """Bool[..., G] -> Int64[..., W]."""
+    bits = cell_bits(occupied.shape[-1], occupied.device)
+    words = [(occupied * bits[:, w]).sum(-1) for w in range(bits.shape[1])]
+    return torch.stack(words, -1)
+
+
+def unpack(board: Tensor, n_cells: int) -> Tensor:
+    """Int64[..., W] -> Bool[..., G]."""
+    cell = torch.arange(n_cells, device=board.device)
+    if board.shape[-1] == 1:
+        return ((board >> cell) & 1).bool()
+    return ((board[..., cell // WORD] >> (cell % WORD)) & 1).bool()
+
+
+def bit(cell: Tensor, words: int) -> Tensor:
+    """Int64[...] cells -> Int64[..., W]: a board with that one cell set."""
+    word = torch.arange(words, device=cell.device)
+    one = torch.ones_like(cell) << (cell % WORD)
+    return torch.where((cell // WORD)[..., None] == word, one[..., None], 0)
+
+
+def contains(board: Tensor, cell: Tensor) -> Tensor:
+    """Bool[...]: whether Int64[..., W] boards hold something on Int64[...] cells."""
+    word = board.gather(-1, (cell // WORD)[..., None]).squeeze(-1)
+    return ((word >> (cell % WORD)) & 1).bool()
+
+
+def count(board: Tensor) -> Tensor:
+    """Int64[...]: how many cells of Int64[..., W] are set."""
+    return unpack(board, board.shape[-1] * WORD).sum(-1)
+
+
+def state(board: Tensor, target: Tensor, n_cells: int) -> Tensor:
+    """Float[B, G]: the paper's state vector, eq. 7: 0 empty, 1 obstacle, 2 target."""
+    cell = torch.arange(n_cells, device=board.device)
+    return unpack(board, n_cells).float() + 2.0 * (cell == target[..., None]).float()
+
+
+def same(a: Tensor, b: Tensor) -> Tensor:
+    """Bool[...]: whether Int64[..., W] boards are equal (the leading shapes broadcast)."""
+    return (a == b).all(-1)

@@ -1,0 +1,165 @@
+"""Sets of problem instances: unique, checked, saved and loaded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from dore.board import contains, count, pack, unpack
+from dore.errors import InputError, atomic_write, whole
+from dore.plan import Scene
+from dore.reach import Reach
+from dore.rules import retrievable
+from dore.sampling import PATIENCE, Batch, Difficulty, FreshInstances
+
+FORMAT = "dore-instances/1"
+
+
+class InstanceSet:
+    """A fixed, unique set of instances of one reach.
+
+    Raises:
+        InputError: cells off the board, a target among the obstacles, or one that is accessible at the start.
+    """
+
+    def __init__(self, reach: Reach, board: Tensor, target: Tensor) -> None:
+        if board.ndim != 2 or board.shape != (len(target), reach.n_words) or board.dtype != torch.int64:
+            raise InputError(
+                f"instances: got {board.dtype}{list(board.shape)} boards for {len(target)} targets, "
+                f"want Int64[N, {reach.n_words}]"
+            )
+        off = count(board) != unpack(board, reach.n_cells).sum(-1)
+        bad_target = (target < 0) | (target >= reach.n_cells)
+        for broken, why in (
+            (off, "an obstacle off the board"),
+            (bad_target, "a target off the board"),
+            (
+                ~bad_target & contains(board, target.clamp(0, reach.n_cells - 1)),
+                "the target among the obstacles",
+            ),
+            (
+                ~bad_target & retrievable(reach, board, target.clamp(0, reach.n_cells - 1)),
+                "nothing to rearrange",
+            ),
+        ):
+            if bool(broken.any()):
+                raise InputError(f"instances: number {int(broken.nonzero()[0, 0]) + 1} has {why}")
+        self.reach = reach
+        self.board = board
+        self.target = target
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    def __iter__(self) -> Iterator[Scene]:
+        for occupied, target in zip(
+            unpack(self.board, self.reach.n_cells).tolist(), self.target.tolist(), strict=True
+        ):
+            yield Scene(self.reach.layout, tuple(c for c, there in enumerate(occupied) if there), target)
+
+    def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
+        """The instances of those rows."""
+        return Batch(self.board[rows], self.target[rows])
+
+    @classmethod
+    def of_scene(cls, reach: Reach, scene: Scene) -> Batch:
+        """A scene as a batch of one; its target may be accessible."""
+        occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool)
+        occupied[0, list(scene.obstacles)] = True
+        return Batch(pack(occupied), torch.tensor([scene.target]))
+
+    @classmethod
+    def generate(cls, reach: Reach, n: int, difficulty: Difficulty, split: str, seed: int) -> InstanceSet:
+        """`n` different instances of a split.
+
+        Raises:
+            InputError: there are not that many.
+        """
+        whole("instances: how many", n, 1)
+        fresh = FreshInstances(reach, difficulty, split, seed)
+        found = torch.empty(0, reach.n_words + 1, dtype=torch.int64, device=reach.device)
+        stale = 0
+        while len(found) < n and stale < PATIENCE:
+            board, target = fresh.candidates()
+            longer = _first_of_each(torch.cat([found, torch.cat([board, target[:, None]], -1)]))
+            stale = stale + 1 if len(longer) == len(found) else 0
+            found = longer
+        if len(found) < n:
+            raise InputError(
+                f"instances: asked for {n} different ones of the {split} split, there are {len(found)}"
+            )
+        return cls(reach, found[:n, :-1].contiguous(), found[:n, -1].contiguous())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the set as safetensors, its layout and reach in the header."""
+        header = {"format": FORMAT, "world": _world(self.reach)}
+        data = save({"board": self.board.cpu(), "target": self.target.cpu()}, header)
+        with atomic_write(path, "wb") as file:
+            file.write(data)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], reach: Reach) -> InstanceSet:
+        """Read and check a set.
+
+        Raises:
+            InputError: no such file, a damaged one, one of another layout or reach, or bad instances.
+        """
+        try:
+            with safe_open(os.fspath(path), framework="pt") as file:
+                header = file.metadata() or {}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such file") from None
+        except (SafetensorError, OSError) as error:
+            raise InputError(f"{path}: damaged or no instance file ({error})") from None
+        if header.get("format") != FORMAT or set(tensors) != {"board", "target"}:
+            raise InputError(f"{path}: format {header.get('format')!r}, want {FORMAT}")
+        if header.get("world") != _world(reach):
+            raise InputError(f"{path}: made for {header.get('world')}, want {_world(reach)}")
+        try:
+            return cls(reach, tensors["board"].to(reach.device), tensors["target"].to(reach.device))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+
+class FixedInstances:
+    """Draws from a set, with replacement, by a generator of its own."""
+
+    def __init__(self, instances: InstanceSet, seed: int) -> None:
+        self.instances = instances
+        self.generator = torch.Generator().manual_seed(seed)
+
+    def draw(self, n: int) -> Batch:
+        """`n` instances of the set."""
+        rows = torch.randint(len(self.instances), (n,), generator=self.generator)
+        return self.instances.batch(rows.to(self.instances.board.device))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The generator's state."""
+        return {"generator": self.generator.get_state()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Go on as the source whose `state_dict` this is."""
+        self.generator.set_state(state["generator"])
+
+
+def _first_of_each(rows: Tensor) -> Tensor:
+    """The different rows of Int64[N, K], each where it first stood."""
+    if not len(rows):
+        return rows
+    _, group = rows.unique(dim=0, return_inverse=True)
+    place = torch.arange(len(rows), device=rows.device)
+    first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device).scatter_reduce(
+        0, group, place, "amin"
+    )
+    return rows[first.sort().values]
+
+
+def _world(reach: Reach) -> str:
+    """What a set is made for, as a line of text."""
+    return f"layout {reach.layout.to_dict()} reach {reach.to_dict()}"

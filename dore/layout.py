@@ -1,0 +1,121 @@
+"""Where the cells are. Everything else sees only G centres; that they may form a rectangle stays here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from dore.errors import InputError, number, whole
+
+TABLE_CENTRE_M = 0.75
+"""How far ahead of the base a regular layout's centre stands unless its front edge is given, metres."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """G square cells on the table, in the robot's base frame (REP-103: +x away from the robot, +y left).
+
+    cells: centre (x, y) of each cell, metres; a cell's id is its place in this tuple.
+    cell_m: edge of a cell, metres.
+    grid_shape: (rows, cols) where the cells form a rectangle, row-major from the robot's near left.
+    """
+
+    cells: tuple[tuple[float, float], ...]
+    cell_m: float
+    grid_shape: tuple[int, int] | None = None
+
+    def __post_init__(self) -> None:
+        number("layout.cell_m", self.cell_m, above=0.0)
+        if not self.cells:
+            raise InputError("layout.cells: got none, want one centre or more")
+        for cell, (x, y) in enumerate(self.cells):
+            if not (math.isfinite(x) and math.isfinite(y)) or x <= 0:
+                raise InputError(
+                    f"layout: centre of cell {cell + 1} is ({x:g}, {y:g}), want it ahead of the base"
+                )
+        if len(set(self.cells)) < len(self.cells):
+            raise InputError("layout.cells: two cells share a centre, want each where no other is")
+
+    @classmethod
+    def grid(cls, rows: int, cols: int, cell_m: float, front_m: float | None = None) -> Layout:
+        """rows x cols squares; row 0 is nearest the robot, column 0 on its left, id = row * cols + col.
+
+        front_m: x of the near edge, metres; None puts the table's centre 0.75 m ahead of the base.
+
+        Raises:
+            InputError: a count below 1, a size that is not finite and positive, a cell behind the base.
+        """
+        whole("layout.rows", rows, 1)
+        whole("layout.cols", cols, 1)
+        number("layout.cell_m", cell_m, above=0.0)
+        if front_m is None:
+            front_m = TABLE_CENTRE_M - rows * cell_m / 2
+            if front_m <= 0:
+                raise InputError(
+                    f"layout.rows: {rows} rows of {cell_m:g} m reach behind the base when the table's centre "
+                    f"is {TABLE_CENTRE_M:g} m ahead; want fewer rows, smaller cells or front_m"
+                )
+        number("layout.front_m", front_m, above=0.0)
+        cells = tuple(
+            (front_m + cell_m * (row + 0.5), cell_m * ((cols - 1) / 2 - col))
+            for row in range(rows)
+            for col in range(cols)
+        )
+        return cls(cells, float(cell_m), (rows, cols))
+
+    @property
+    def n_cells(self) -> int:
+        """G."""
+        return len(self.cells)
+
+    @property
+    def front_m(self) -> float:
+        """x of the edge nearest the robot, metres."""
+        return min(x for x, _ in self.cells) - self.cell_m / 2
+
+    @cached_property
+    def centres(self) -> Tensor:
+        """Float64[G, 2]: centre of each cell, metres."""
+        return torch.tensor(self.cells, dtype=torch.float64)
+
+    @cached_property
+    def mirror(self) -> Tensor | None:
+        """Int64[G]: each cell's mirror image about the robot's x axis; None where the layout has none."""
+        distance = torch.cdist(self.centres * torch.tensor([1.0, -1.0], dtype=torch.float64), self.centres)
+        nearest, cell = distance.min(-1)
+        return cell if bool((nearest < 1e-6).all()) else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The layout as the JSON files hold it."""
+        if self.grid_shape is None:
+            return {"cells": [list(cell) for cell in self.cells], "cell_m": self.cell_m}
+        rows, cols = self.grid_shape
+        return {"rows": rows, "cols": cols, "cell_m": self.cell_m, "front_m": round(self.front_m, 9)}
+
+    @classmethod
+    def from_dict(cls, data: object) -> Layout:
+        """The inverse of `to_dict`.
+
+        Raises:
+            InputError: a missing, unknown or bad key.
+        """
+        if not isinstance(data, dict):
+            raise InputError(f"layout: got {data!r}, want an object with rows, cols and cell_m")
+        if "cells" in data:
+            try:
+                cells = tuple((float(x), float(y)) for x, y in data["cells"])
+            except (TypeError, ValueError):
+                raise InputError("layout.cells: want a list of [x, y] in metres") from None
+            return cls(cells, number("layout.cell_m", data.get("cell_m"), above=0.0))
+        unknown = set(data) - {"rows", "cols", "cell_m", "front_m"}
+        missing = {"rows", "cols", "cell_m"} - set(data)
+        if unknown or missing:
+            raise InputError(
+                f"layout: unknown {sorted(unknown)}, missing {sorted(missing)}; want rows, cols, cell_m"
+            )
+        return cls.grid(**data)
