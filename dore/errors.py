@@ -34,9 +34,7 @@ def number(name: str, value: object, above: float = -math.inf, at_most: float = 
     wrong = isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value)
     if wrong or not above < value <= at_most:  # type: ignore[operator]
         bounds = [f"above {above:g}"] * (above > -math.inf) + [f"at most {at_most:g}"] * (at_most < math.inf)
-        raise InputError(
-            f"{name}: got {value!r}, want a finite number" + " and".join(f" {b}" for b in bounds)
-        )
+        raise InputError(f"{name}: got {value!r}, want a finite number" + " and".join(f" {b}" for b in bounds))
     return float(value)  # type: ignore[arg-type]
 
 

@@ -14,7 +14,7 @@ from dore.board import contains, count, pack, unpack
 from dore.errors import InputError, atomic_write, whole
 from dore.plan import Scene
 from dore.reach import Reach
-from dore.rules import retrievable
+from dore.rules import has_move, retrievable
 from dore.sampling import PATIENCE, Batch, Difficulty, FreshInstances
 
 FORMAT = "dore-instances/1"
@@ -57,9 +57,7 @@ class InstanceSet:
         return len(self.target)
 
     def __iter__(self) -> Iterator[Scene]:
-        for occupied, target in zip(
-            unpack(self.board, self.reach.n_cells).tolist(), self.target.tolist(), strict=True
-        ):
+        for occupied, target in zip(unpack(self.board, self.reach.n_cells).tolist(), self.target.tolist(), strict=True):
             yield Scene(self.reach.layout, tuple(c for c, there in enumerate(occupied) if there), target)
 
     def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
@@ -90,9 +88,7 @@ class InstanceSet:
             stale = stale + 1 if len(longer) == len(found) else 0
             found = longer
         if len(found) < n:
-            raise InputError(
-                f"instances: asked for {n} different ones of the {split} split, there are {len(found)}"
-            )
+            raise InputError(f"instances: asked for {n} different ones of the {split} split, there are {len(found)}")
         return cls(reach, found[:n, :-1].contiguous(), found[:n, -1].contiguous())
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -128,9 +124,16 @@ class InstanceSet:
 
 
 class FixedInstances:
-    """Draws from a set, with replacement, by a generator of its own."""
+    """Draws from a set, with replacement, by a generator of its own.
+
+    Raises:
+        InputError: an instance without a legal first move, where no episode can start.
+    """
 
     def __init__(self, instances: InstanceSet, seed: int) -> None:
+        stuck = ~has_move(instances.reach, instances.board, instances.target)
+        if bool(stuck.any()):
+            raise InputError(f"instances: number {int(stuck.nonzero()[0, 0]) + 1} has no legal first move")
         self.instances = instances
         self.generator = torch.Generator().manual_seed(seed)
 
@@ -138,6 +141,10 @@ class FixedInstances:
         """`n` instances of the set."""
         rows = torch.randint(len(self.instances), (n,), generator=self.generator)
         return self.instances.batch(rows.to(self.instances.board.device))
+
+    def seed(self, seed: int) -> None:
+        """Start over from `seed`."""
+        self.generator.manual_seed(seed)
 
     def state_dict(self) -> dict[str, Tensor]:
         """The generator's state."""
@@ -154,9 +161,7 @@ def _first_of_each(rows: Tensor) -> Tensor:
         return rows
     _, group = rows.unique(dim=0, return_inverse=True)
     place = torch.arange(len(rows), device=rows.device)
-    first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device).scatter_reduce(
-        0, group, place, "amin"
-    )
+    first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device).scatter_reduce(0, group, place, "amin")
     return rows[first.sort().values]
 
 

@@ -35,9 +35,7 @@ class Layout:
             raise InputError("layout.cells: got none, want one centre or more")
         for cell, (x, y) in enumerate(self.cells):
             if not (math.isfinite(x) and math.isfinite(y)) or x <= 0:
-                raise InputError(
-                    f"layout: centre of cell {cell + 1} is ({x:g}, {y:g}), want it ahead of the base"
-                )
+                raise InputError(f"layout: centre of cell {cell + 1} is ({x:g}, {y:g}), want it ahead of the base")
         if len(set(self.cells)) < len(self.cells):
             raise InputError("layout.cells: two cells share a centre, want each where no other is")
 
@@ -115,7 +113,5 @@ class Layout:
         unknown = set(data) - {"rows", "cols", "cell_m", "front_m"}
         missing = {"rows", "cols", "cell_m"} - set(data)
         if unknown or missing:
-            raise InputError(
-                f"layout: unknown {sorted(unknown)}, missing {sorted(missing)}; want rows, cols, cell_m"
-            )
+            raise InputError(f"layout: unknown {sorted(unknown)}, missing {sorted(missing)}; want rows, cols, cell_m")
         return cls.grid(**data)

@@ -49,9 +49,7 @@ class Scene:
             if self.obstacles.count(cell) > 1:
                 raise InputError(f"scene.obstacles: two objects on cell {cell_id(cell)}, want one at most")
         if self.target in self.obstacles:
-            raise InputError(
-                f"scene.target: cell {cell_id(self.target)} holds an obstacle, want the target alone"
-            )
+            raise InputError(f"scene.target: cell {cell_id(self.target)} holds an obstacle, want the target alone")
 
 
 @dataclass(frozen=True)
@@ -140,9 +138,7 @@ def _check_lane(reach: Reach, cell: int, direction_deg: float, others: set[int],
         raise PlanError(f"{where} direction {direction_deg:g} deg, want within +-{reach.half_fan_deg:g}")
     yaw = math.atan2(y, x) + math.radians(direction_deg)
     if reach.max_yaw_deg is not None and abs(yaw) > math.radians(reach.max_yaw_deg) + 1e-6:
-        raise PlanError(
-            f"{where} lane heads {math.degrees(yaw):.1f} deg, want within +-{reach.max_yaw_deg:g}"
-        )
+        raise PlanError(f"{where} lane heads {math.degrees(yaw):.1f} deg, want within +-{reach.max_yaw_deg:g}")
     if reach.lateral_limit_m is not None:
         crossing = y - (x - reach.layout.front_m + reach.staging_m) * math.tan(yaw)
         if math.cos(yaw) <= 0 or abs(crossing) > reach.lateral_limit_m + 1e-6:
@@ -158,6 +154,4 @@ def _check_lane(reach: Reach, cell: int, direction_deg: float, others: set[int],
         off = abs(math.remainder(math.atan2(dy, dx) - lane, math.tau))
         # Sectors this near an edge count as covered for the planners, so the replay may be that much kinder.
         if off <= half_width - 2 * EDGE_RAD:
-            raise PlanError(
-                f"{where} lane at {direction_deg:g} deg is blocked by the object on cell {cell_id(other)}"
-            )
+            raise PlanError(f"{where} lane at {direction_deg:g} deg is blocked by the object on cell {cell_id(other)}")

@@ -61,13 +61,9 @@ class Reach:
             None if lateral_limit_m is None else number("reach.lateral_limit_m", lateral_limit_m, above=0.0)
         )
         self.max_yaw_deg = (
-            None
-            if max_yaw_deg is None
-            else number("reach.max_yaw_deg", max_yaw_deg, above=0.0, at_most=180.0)
+            None if max_yaw_deg is None else number("reach.max_yaw_deg", max_yaw_deg, above=0.0, at_most=180.0)
         )
-        self.sectors_deg = torch.linspace(
-            -self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64
-        )
+        self.sectors_deg = torch.linspace(-self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64)
         self.lanes = self._allowed_lanes()
         self.blockers = boards.pack(self._covered())
         self._masks = self._undominated()
@@ -117,9 +113,7 @@ class Reach:
             InputError: `occupied` is not a boolean tensor of that shape.
         """
         if occupied.dtype is not torch.bool or occupied.ndim != 2 or occupied.shape[1] != self.n_cells:
-            raise InputError(
-                f"occupied: got {occupied.dtype}{list(occupied.shape)}, want Bool[B, {self.n_cells}]"
-            )
+            raise InputError(f"occupied: got {occupied.dtype}{list(occupied.shape)}, want Bool[B, {self.n_cells}]")
         return self.free(boards.pack(occupied))
 
     def free(self, board: Tensor) -> Tensor:
@@ -208,8 +202,7 @@ class Reach:
         deepest = max(1, *(len(sets) for sets in kept))
         filler = torch.zeros(1, self.n_words, dtype=torch.int64)
         padded = [
-            torch.cat([sets, (sets[-1:] if len(sets) else filler).repeat(deepest - len(sets), 1)])
-            for sets in kept
+            torch.cat([sets, (sets[-1:] if len(sets) else filler).repeat(deepest - len(sets), 1)]) for sets in kept
         ]
         return torch.stack(padded, 1).contiguous()
 

@@ -110,9 +110,12 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
     return LegalMoves(pick, place, solved)
 
 
-def transition(
-    reach: Reach, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor, place: Tensor
-) -> Outcome:
+def has_move(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
+    """Bool[B]: whether an episode that starts on this board has a legal first move."""
+    return legal_moves(reach, board, target, board[:, None]).pick.any(-1)
+
+
+def transition(reach: Reach, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor, place: Tensor) -> Outcome:
     """One pick-and-place a row; a refused move changes nothing (paper, section 5.1).
 
     Args:

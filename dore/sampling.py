@@ -11,7 +11,7 @@ from torch import Tensor
 from dore.board import pack
 from dore.errors import InputError, whole
 from dore.reach import Reach
-from dore.rules import retrievable
+from dore.rules import has_move, retrievable
 from dore.splits import SPLITS, split_share
 
 CANDIDATES = 16384
@@ -30,7 +30,8 @@ class Batch(NamedTuple):
 @dataclass(frozen=True)
 class Difficulty:
     """How many obstacles an instance has: uniform on [min_obstacles, max_obstacles] before the drawn board is
-    looked at; instances whose target is accessible at the start are discarded (paper, section 5.3).
+    looked at; instances whose target is accessible at the start are discarded (paper, section 5.3), and so
+    are those without a legal first move, where no episode could start (the paper is silent on these).
 
     Raises:
         InputError: counts below 1, or upside down.
@@ -51,8 +52,7 @@ class Difficulty:
         """Raise InputError where the obstacles and the target do not fit on `n_cells` cells."""
         if self.max_obstacles + 1 > n_cells:
             raise InputError(
-                f"instances.max_obstacles: {self.max_obstacles} obstacles and a target do not fit on "
-                f"{n_cells} cells"
+                f"instances.max_obstacles: {self.max_obstacles} obstacles and a target do not fit on {n_cells} cells"
             )
 
 
@@ -61,6 +61,9 @@ class InstanceSource(Protocol):
 
     def draw(self, n: int) -> Batch:
         """The next `n` instances."""
+
+    def seed(self, seed: int) -> None:
+        """Start over from `seed`."""
 
     def state_dict(self) -> dict[str, Tensor]:
         """All that `draw` depends on."""
@@ -99,7 +102,9 @@ class FreshInstances:
         low_share, high_share = SPLITS[self.split]
         share = split_share(board, self.reach)
         keep = (share >= low_share) & (share < high_share) & ~retrievable(self.reach, board, target)
-        return Batch(board[keep], target[keep])
+        board, target = board[keep], target[keep]
+        playable = has_move(self.reach, board, target)
+        return Batch(board[playable], target[playable])
 
     def draw(self, n: int) -> Batch:
         """The next `n` instances.
@@ -119,6 +124,11 @@ class FreshInstances:
         target = torch.cat([part.target for part in parts])
         self._left = Batch(board[n:], target[n:])
         return Batch(board[:n], target[:n])
+
+    def seed(self, seed: int) -> None:
+        """Start over from `seed`."""
+        self.generator.manual_seed(seed)
+        self._left = Batch(self._left.board[:0], self._left.target[:0])
 
     def state_dict(self) -> dict[str, Tensor]:
         """The generator's state and the instances drawn ahead."""
