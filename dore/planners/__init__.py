@@ -1,0 +1,1 @@
+"""Planners: one class, one YAML file, one test each. `base` holds what they share."""

@@ -1,0 +1,161 @@
+"""Would the arm, or what it carries, touch anything? Checked by coal through Pinocchio, before anything moves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from dore.sim.config import Body
+from dore.sim.frames import Array, hand_pose
+from dore.sim.kinematics import ArmKinematics
+
+TABLE_OVERHANG_M = 0.03
+"""How far the table top stands out from the grid, towards the robot; metres."""
+_GRASP_MARGIN_M = 0.001
+_TABLE_MARGIN_M = 0.005
+_BOTTOM_GAP_M = 0.004
+_PARTS = {
+    "panda_link3": "upper arm", "panda_link4": "elbow", "panda_link5": "forearm", "panda_link6": "wrist",
+    "panda_link7": "wrist", "panda_hand": "hand", "panda_leftfinger": "left finger",
+    "panda_rightfinger": "right finger", "carried": "carried object", "table": "table",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An upright body on the table: (x, y) of its axis in metres, and how it is turned, radians."""
+
+    xy: tuple[float, float]
+    yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The first contact on a path. `part`: of the arm, in words; `body`: the object touched, None: table or arm."""
+
+    part: str
+    other: str
+    body: int | None
+
+
+class CollisionChecker:
+    """The arm's convex parts against objects, table, itself, and the same for a carried object.
+
+    Args:
+        kinematics: the arm.
+        bodies: the objects, by index.
+        table_front_x: x of the table's near edge, metres.
+    """
+
+    def __init__(self, kinematics: ArmKinematics, bodies: Sequence[Body], table_front_x: float) -> None:
+        self._kin, self._bodies = kinematics, tuple(bodies)
+        self._drop = kinematics.arm.base_drop_m
+        self._model, self._scene = kinematics.model, kinematics.geometry.copy()
+        self._robot = [i for i, _ in enumerate(self._scene.geometryObjects)]
+        for item in self._scene.geometryObjects:
+            if isinstance(item.geometry, coal.BVHModelBase):
+                item.geometry.buildConvexHull(True, "Qt")  # as SAPIEN does with the same meshes
+                item.geometry = item.geometry.convex
+        box = pin.SE3(np.eye(3), np.array([table_front_x + 0.5, 0.0, self._drop - 0.02]))
+        self._table = self._fixed("table", coal.Box(1.0, 2.0, 0.04), box)
+        self._standing = [self._fixed(f"object{i}", _solid(b), pin.SE3.Identity()) for i, b in enumerate(bodies)]
+        self._carried = [self._held(i, body) for i, body in enumerate(bodies)]
+        self._pair_up()
+        self._data = self._scene.createData()
+        self._kin_data = self._model.createData()
+
+    def first_contact(
+        self, path: Array, standing: dict[int, Standing], held: int | None = None, reached_for: int | None = None
+    ) -> Contact | None:
+        """What the arm meets first on a joint path Float64[N, 7], or None: the path is free.
+
+        standing: where each object on the table stands.
+        held: the object in the hand, upright, as grasped at grasp height.
+        reached_for: the object between the open fingers, which may come close but not touch.
+        """
+        self._place(standing)
+        self._activate(set(standing), held, reached_for)
+        for joints in path:
+            if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, True):
+                return self._name_contact()
+        return None
+
+    def _fixed(self, name: str, shape: coal.CollisionGeometry, where: pin.SE3) -> int:
+        return self._scene.addGeometryObject(pin.GeometryObject(name, 0, 0, where, shape))
+
+    def _held(self, index: int, body: Body) -> int:
+        """The body in the hand: upright under the tool frame, its bottom a little raised off the table it leaves."""
+        arm = self._kin.arm
+        frame = self._model.frames[self._model.getFrameId("panda_hand_tcp")]
+        tool = pin.SE3(hand_pose(np.array([0.0, 0.0, arm.grasp_height_m]), 0.0, arm.tilt_rad))
+        upright = pin.SE3(np.eye(3), np.array([0.0, 0.0, (body.height_m + _BOTTOM_GAP_M) / 2]))
+        shape = _solid(Body(body.shape, body.half_width_m, body.height_m - _BOTTOM_GAP_M))
+        placement = frame.placement * tool.actInv(upright)
+        return self._scene.addGeometryObject(
+            pin.GeometryObject(f"carried{index}", frame.parentJoint, frame.parentJoint, placement, shape)
+        )
+
+    def _pair_up(self) -> None:
+        """All pairs that may ever be asked about; `_activate` chooses among them."""
+        pairs = [(a, b) for a in self._robot for b in (self._table, *self._standing)]
+        links = {i: self._scene.geometryObjects[i].name for i in self._robot}
+        arm_only = [i for i, name in links.items() if re.match(r"panda_link[0-5]", name)]
+        for i, carried in enumerate(self._carried):
+            pairs += [(carried, other) for other in self._standing if other != self._standing[i]]
+            pairs += [(carried, part) for part in (*arm_only, self._table)]
+        for a in self._robot:
+            near = self._scene.geometryObjects[a].parentJoint
+            pairs += [
+                (a, b) for b in self._robot if self._scene.geometryObjects[b].parentJoint - near >= 3
+            ]
+        self._scene.removeAllCollisionPairs()
+        for a, b in pairs:
+            self._scene.addCollisionPair(pin.CollisionPair(a, b))
+        self._pairs = pairs
+
+    def _place(self, standing: dict[int, Standing]) -> None:
+        for index, where in standing.items():
+            centre = np.array([*where.xy, self._bodies[index].height_m / 2 + self._drop])
+            rotation = pin.utils.rotate("z", where.yaw_rad)
+            self._scene.geometryObjects[self._standing[index]].placement = pin.SE3(rotation, centre)
+
+    def _activate(self, standing: set[int], held: int | None, reached_for: int | None) -> None:
+        here = {self._standing[i] for i in standing if i != held}
+        carried = None if held is None else self._carried[held]
+        for index, (a, b) in enumerate(self._pairs):
+            carried_pair = a in self._carried
+            active = (not carried_pair or a == carried) and (b not in self._standing or b in here)
+            if not active:
+                self._data.deactivateCollisionPair(index)
+                continue
+            self._data.activateCollisionPair(index)
+            self._data.collisionRequests[index].security_margin = self._margin(a, b, reached_for)
+
+    def _margin(self, a: int, b: int, reached_for: int | None) -> float:
+        if reached_for is not None and b == self._standing[reached_for]:
+            return _GRASP_MARGIN_M
+        if b == self._table:
+            return 0.0 if a in self._carried else _TABLE_MARGIN_M
+        return self._kin.arm.clearance_m if b in self._standing else 0.0
+
+    def _name_contact(self) -> Contact:
+        hits = [p for k, p in enumerate(self._pairs) if self._data.collisionResults[k].isCollision()]
+        a, b = hits[0]
+        body = self._standing.index(b) if b in self._standing else None
+        return Contact(self._words(a), self._words(b), body)
+
+    def _words(self, index: int) -> str:
+        name = self._scene.geometryObjects[index].name
+        stem = re.sub(r"_\d+$", "", name) if name.startswith("panda") else name.rstrip("0123456789")
+        return _PARTS.get(stem, stem)
+
+
+def _solid(body: Body) -> coal.CollisionGeometry:
+    if body.shape == "cylinder":
+        return coal.Cylinder(body.half_width_m, body.height_m)
+    return coal.Box(2 * body.half_width_m, 2 * body.half_width_m, body.height_m)

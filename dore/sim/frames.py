@@ -1,0 +1,75 @@
+"""Cells and metres: where a hand must be to enter a cell along a lane. NumPy only.
+
+World frame: REP-103 at the robot base's axis, +x away from the robot, +y to its left; z = 0 is the table top.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A straight way into a cell, from a staging line in front of the grid.
+
+    cell_xy: (x, y) where the lane ends, metres.
+    staging_xy: (x, y) where it begins, metres.
+    heading_rad: the hand's yaw on it, world frame, +x = 0, counter-clockwise.
+    """
+
+    cell_xy: tuple[float, float]
+    staging_xy: tuple[float, float]
+    heading_rad: float
+
+
+def lane(cell_xy: tuple[float, float], direction_deg: float, staging_x: float) -> Lane:
+    """The lane of a cell for an approach direction.
+
+    direction_deg: degrees, counter-clockwise, about the direction from the cell to the robot base (0: the arm
+        reaches straight out to the cell).
+    staging_x: x of the staging line, metres.
+
+    Raises:
+        ValueError: the lane never meets the staging line in front of the cell.
+    """
+    x, y = cell_xy
+    heading = math.remainder(math.atan2(y, x) + math.radians(direction_deg), math.tau)
+    if staging_x >= x or abs(heading) >= math.pi / 2 - 1e-6:
+        raise ValueError(
+            f"lane into ({x:.3f}, {y:.3f}) heading {math.degrees(heading):.1f} deg does not come from the staging "
+            f"line x = {staging_x:.3f} m"
+        )
+    staging = (staging_x, y - (x - staging_x) * math.tan(heading))
+    return Lane((x, y), staging, heading)
+
+
+def hand_pose(xyz: Array, heading_rad: float, tilt_rad: float) -> Array:
+    """Float64[4, 4]: pose of the tool frame (z forward, y across the jaws) at a point of the world.
+
+    xyz: Float64[3], metres. tilt_rad: how far below the horizontal the hand points.
+    """
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    ct, st = math.cos(tilt_rad), math.sin(tilt_rad)
+    forward = np.array([ct * c, ct * s, -st])
+    across = np.array([s, -c, 0.0])
+    pose = np.eye(4)
+    pose[:3, :3] = np.column_stack([np.cross(across, forward), across, forward])
+    pose[:3, 3] = xyz
+    return pose
+
+
+def straight(start: Array, end: Array, spacing_m: float) -> Array:
+    """Float64[N, 3]: evenly spaced points from `start` (left out) to `end` (held), at most `spacing_m` apart."""
+    steps = max(1, math.ceil(float(np.linalg.norm(end - start)) / spacing_m))
+    return start + np.linspace(0.0, 1.0, steps + 1)[1:, None] * (end - start)
+
+
+def inside(centres: Array, cell_m: float, xy: Array) -> NDArray[np.bool_]:
+    """Bool[G]: which cells (squares of `cell_m` about `centres` Float64[G, 2]) hold the point `xy` Float64[2]."""
+    return (np.abs(centres - xy) <= cell_m / 2).all(axis=-1)

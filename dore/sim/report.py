@@ -1,0 +1,74 @@
+"""The execution report: what happened, move by move, as JSON with ids 1..G."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from dore.errors import atomic_write
+from dore.sim.outcome import Outcome
+
+REPORT_FORMAT = "dore-execution/1"
+
+
+@dataclass(frozen=True)
+class MoveReport:
+    """One move. Ids as in the paper, 1..G; `place` is None for the target, which is held up at the end.
+
+    placement_error_mm: how far the object put down stands from its cell's centre; None where none was put down.
+    others_moved_mm: how far the object that moved most, of those that should not, has moved.
+    tilt_deg: how far the moved object leans.
+    """
+
+    name: str
+    pick: int
+    place: int | None
+    outcome: Outcome
+    placement_error_mm: float | None
+    others_moved_mm: float
+    tilt_deg: float
+    simulated_s: float
+    wall_s: float
+
+
+@dataclass
+class ExecutionReport:
+    """A whole execution. `finished` is False in a file left by an interrupted one.
+
+    message: one line for people. refused: True if nothing was moved, because the rehearsal found that the plan
+    cannot be carried out. conditions: the task's own, all of which success needs. video: path beside the report.
+    """
+
+    outcome: Outcome
+    message: str
+    arm: str
+    seed: int
+    planner: str
+    objects: list[dict[str, Any]]
+    refused: bool = False
+    finished: bool = False
+    moves: list[MoveReport] = field(default_factory=list)
+    conditions: dict[str, bool] = field(default_factory=dict)
+    simulated_s: float = 0.0
+    rehearsal_s: float = 0.0
+    wall_s: float = 0.0
+    video: str | None = None
+    pictures: str = ""
+
+    @property
+    def success(self) -> bool:
+        """Every move done, and every condition met."""
+        return self.finished and self.outcome is Outcome.DONE
+
+    def write(self, path: Path) -> None:
+        """Write it whole or not at all.
+
+        Raises:
+            OSError: the disk is full or read-only.
+        """
+        with atomic_write(path) as file:
+            fields = {"format": REPORT_FORMAT, "success": self.success, **asdict(self)}
+            json.dump(fields, file, indent=2)
+            file.write("\n")
