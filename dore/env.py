@@ -73,7 +73,7 @@ class RearrangeEnv(EnvBase):
         self._target = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._visited = self._board[:, None].repeat(1, max_moves + 1, 1)
         self._moves = torch.zeros_like(self._target)
-        self._shown: dict[str, Tensor | TensorDict] | None = None
+        self._shown: dict[str, Tensor] | None = None
 
     def _make_specs(self, n: int) -> None:
         cells, words, device = self.reach.n_cells, self.reach.n_words, self.device
@@ -183,7 +183,7 @@ class RearrangeEnv(EnvBase):
         return torch.where(solved, self.rewards.solved, other).float()
 
     def _pack(self, shown: dict[str, Tensor], results: dict[str, Tensor]) -> TensorDict:
-        """The TensorDict of a reset (no results) or a step; `_new_unsafe` skips checks that specs already make."""
+        """The TensorDict of a reset (no results) or a step; `_new_unsafe` skips what the specs check already."""
         fields: dict[str, Tensor | TensorDict] = {
             name: value for name, value in shown.items() if name not in ("pick", "place")
         }
@@ -199,6 +199,12 @@ class RearrangeEnv(EnvBase):
                 else torch.zeros(*self.batch_size, 1, dtype=torch.bool, device=self.device)
             )
         return TensorDict._new_unsafe(fields, batch_size=self.batch_size, device=self.device)
+
+    def observation(self) -> TensorDict:
+        """What every row shows now, as a reset returns it."""
+        if self._shown is None:
+            raise RuntimeError("the environment has not been reset")
+        return self._pack(self._shown, {})
 
     def state_dict(self) -> dict[str, Tensor]:  # type: ignore[override]
         """All that the next step and reset depend on, the source's state included."""

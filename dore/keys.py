@@ -5,7 +5,7 @@ B denotes the batch, G the cells, W the words of a board, T the boards an episod
 
 from __future__ import annotations
 
-Key = str | tuple[str, ...]
+Key = tuple[str, ...]
 
 BOARD = "board"
 """Int64[B, W]: the obstacles."""
@@ -37,3 +37,11 @@ TRUNCATED = "truncated"
 """Bool[B, 1]: the step limit is reached."""
 DONE = "done"
 """Bool[B, 1]: either."""
+OBSERVATION = "observation"
+"""Float[B, C, G]: what a network sees; stands under "pick" and "place"."""
+SLOT: Key = ("pick", "slot")
+"""Int64[B]: the obstacle's place in the ascending list O of section 5.1 (single DQN)."""
+SLOT_MASK: Key = ("pick", "slot_mask")
+"""Bool[B, Z]: slots that may be chosen."""
+SLOT_VALUE: Key = ("pick", "slot_value")
+"""Float[B, Z]: Q_1."""

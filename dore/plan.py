@@ -70,6 +70,7 @@ class Plan:
     planning_s: wall seconds spent on this instance (a batch's time is shared out evenly).
     expansions: boards whose successors the planner looked at.
     optimal_moves: the proved fewest moves, where known.
+    reason: why there is no solution, in a few words; empty where the status is solved.
     """
 
     status: Status
@@ -79,6 +80,7 @@ class Plan:
     planning_s: float
     expansions: int = 0
     optimal_moves: int | None = None
+    reason: str = ""
 
     def __post_init__(self) -> None:
         if (self.status is Status.SOLVED) != (self.target_direction_deg is not None):

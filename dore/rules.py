@@ -81,9 +81,13 @@ def legal_places(reach: Reach, board: Tensor, target: Tensor, visited: Tensor, p
     visited: Int64[B, T, W], the episode's boards, the present one included.
     """
     lifted = lift(board, pick)
+    return placeable(reach, lifted, target) & ~going_back(lifted, visited, reach.n_cells)
+
+
+def going_back(lifted: Tensor, visited: Tensor, n_cells: int) -> Tensor:
+    """Bool[B, G]: cells on which the lifted obstacle would make a board that was visited before."""
     change = visited ^ lifted[:, None]
-    back = _any_of(torch.where(_one_bit(change)[..., None], change, 0))
-    return placeable(reach, lifted, target) & ~unpack(back, reach.n_cells)
+    return unpack(_any_of(torch.where(_one_bit(change)[..., None], change, 0)), n_cells)
 
 
 def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) -> LegalMoves:

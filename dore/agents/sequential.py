@@ -1,0 +1,141 @@
+"""The sequentially separated DQN (paper, section 5.2): one network picks, one places after the lift."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModule, TensorDictSequential
+from torch import Tensor
+
+from dore import keys
+from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty, one_of
+from dore.features import Encoding, encode, n_planes
+from dore.losses import Chain, MaskMode, SequentialLoss
+from dore.networks import NetworkFactory
+from dore.reach import Reach
+from dore.rules import going_back, lift, pickable, placeable, retrievable
+
+_SEEN_PICK, _SEEN_PLACE = ("pick", keys.OBSERVATION), ("place", keys.OBSERVATION)
+
+
+class Sequential:
+    """Q_p on [s, m_p] chooses the obstacle; it is lifted; Q_l on [s', m_l] chooses its new cell.
+
+    The lift is part of the policy, so that one environment step is one pick-and-place.
+
+    Args:
+        reach: the layout's accessibility check; its device is the agent's.
+        network: makes the pick and the place network.
+        encoding: see `dore.features.Encoding`.
+        mask_mode: see `dore.losses.masked`. `legal` also rules out going back to a visited board.
+        chain: see `dore.losses.SequentialLoss`.
+        gamma: discount of a move.
+        double: double Q-learning (the paper's DQN is plain).
+        loss_function: smooth_l1 or l2 (the paper's, eq. 3).
+        symmetry: learn from each stored move or its mirror image, by chance (the paper does not).
+
+    Raises:
+        InputError: a hyperparameter outside its domain, or symmetry on a layout without a mirror.
+    """
+
+    def __init__(
+        self,
+        reach: Reach,
+        network: NetworkFactory,
+        encoding: Encoding,
+        mask_mode: MaskMode,
+        chain: Chain,
+        gamma: float,
+        double: bool,
+        loss_function: str,
+        symmetry: bool,
+    ) -> None:
+        check_hyperparameters(gamma, mask_mode, encoding, loss_function, symmetry, reach)
+        one_of("agent.chain", chain, Chain)
+        self.reach, self.encoding, self.mask_mode = reach, encoding, mask_mode
+        self.chain, self.symmetry = chain, symmetry
+        planes, cells = n_planes(encoding, with_mask=True), reach.n_cells
+        self.networks = torch.nn.ModuleDict(
+            {head: network(layout=reach.layout, n_planes=planes, n_outputs=(cells,)) for head in ("pick", "place")}
+        ).to(reach.device)
+        pick = TensorDictModule(self.networks["pick"], in_keys=[_SEEN_PICK], out_keys=[keys.PICK_VALUE])
+        place = TensorDictModule(self.networks["place"], in_keys=[_SEEN_PLACE], out_keys=[keys.PLACE_VALUE])
+        self._greedy = [
+            Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mask_mode).to(reach.device),
+            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode).to(reach.device),
+        ]
+        before_pick = TensorDictModule(
+            self._see_pick, in_keys=[keys.BOARD, keys.TARGET, keys.PICK_MASK], out_keys=[_SEEN_PICK, keys.PICK_MASK]
+        )
+        before_place = TensorDictModule(
+            self._see_place,
+            in_keys=[keys.BOARD, keys.TARGET, keys.VISITED, keys.PICK],
+            out_keys=[_SEEN_PLACE, keys.PLACE_MASK],
+        )
+        self.policy = TensorDictSequential(
+            before_pick,
+            pick,
+            *self._greedy[0].modules_in_order(),
+            before_place,
+            place,
+            *self._greedy[1].modules_in_order(),
+        )
+        self.loss = SequentialLoss(pick, place, gamma, double, mask_mode, chain, loss_function)
+        rewards = (keys.PLACE_REWARD,) if chain == "natural" else (keys.PLACE_REWARD, keys.PICK_REWARD)
+        after = (keys.BOARD, keys.TERMINATED, *rewards)
+        self.stored: tuple[str | keys.Key, ...] = (
+            keys.BOARD,
+            keys.TARGET,
+            keys.PICK,
+            keys.PLACE,
+            *(("next", key) if isinstance(key, str) else ("next", *key) for key in after),
+        )
+
+    def set_epsilon(self, epsilon: float) -> None:
+        """How often a head acts at random."""
+        for greedy in self._greedy:
+            greedy.set_epsilon(epsilon)
+
+    def decode(self, batch: TensorDictBase) -> TensorDict:
+        """Stored transitions, with observations and masks of the pick, the lift, the place and what follows."""
+        board, target, following = batch[keys.BOARD], batch[keys.TARGET], batch["next", keys.BOARD]
+        pick, place = batch[keys.PICK], batch[keys.PLACE]
+        if self.symmetry:
+            rows = torch.rand(board.shape[:1], device=board.device) < 0.5
+            (board, following), (target, pick, place) = mirror_rows(
+                rows, self.reach, [board, following], [target, pick, place]
+            )
+        lifted = lift(board, pick)
+        after = self._entry(following, target, "pick")
+        after.update(batch["next"].select(keys.TERMINATED, keys.PLACE_REWARD, keys.PICK_REWARD, strict=False))
+        decoded = self._entry(board, target, "pick")
+        decoded.update(self._entry(lifted, target, "place"))
+        decoded.update({keys.PICK: pick, keys.PLACE: place, "next": after})
+        if self.chain == "literal":
+            after.update(self._entry(following, target, "place"))
+            ends = retrievable(self.reach, lifted, target) | ~pickable(self.reach, board, target).gather(
+                -1, pick[:, None]
+            ).squeeze(-1)
+            decoded["lifted"] = self._entry(lifted, target, "pick").update({keys.TERMINATED: ends[:, None]})
+        return decoded
+
+    def _entry(self, board: Tensor, target: Tensor, head: str) -> TensorDict:
+        """A head's observation and mask on a board."""
+        mask = (pickable if head == "pick" else placeable)(self.reach, board, target)
+        seen = encode(board, target, mask, self.reach.n_cells, self.encoding)
+        return TensorDict({head: {keys.OBSERVATION: seen, "mask": mask}}, batch_size=board.shape[:1])
+
+    def _see_pick(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
+        """The pick network's observation [s, m_p], and what it may choose."""
+        mask = pickable(self.reach, board, target)
+        seen = encode(board, target, mask, self.reach.n_cells, self.encoding)
+        return seen, never_empty(legal if self.mask_mode == "legal" else mask)
+
+    def _see_place(self, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor) -> tuple[Tensor, Tensor]:
+        """The place network's observation [s', m_l] after the lift, and what it may choose."""
+        lifted = lift(board, pick)
+        mask = placeable(self.reach, lifted, target)
+        seen = encode(lifted, target, mask, self.reach.n_cells, self.encoding)
+        if self.mask_mode == "legal":
+            mask = mask & ~going_back(lifted, visited, self.reach.n_cells)
+        return seen, never_empty(mask)

@@ -1,0 +1,224 @@
+"""Algorithm 2: collect, store, learn, test, until five IPT batches pass or the budget is spent."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from torch import nn
+from torchrl.data import TensorDictReplayBuffer
+from torchrl.objectives.utils import TargetNetUpdater
+
+from dore import keys
+from dore.agents.common import Agent
+from dore.env import RearrangeEnv
+from dore.errors import number, whole
+from dore.performance import PerformanceTest, TestResult
+from dore.replay import compact, restore
+
+
+class Diverged(RuntimeError):
+    """The loss is no longer finite: names the step, the loss and the last good checkpoint."""
+
+
+class Ending(StrEnum):
+    """Why a training run stopped."""
+
+    PASSED = "passed"
+    """The last IPT passed."""
+    BUDGET = "budget"
+    """Episodes or minutes are spent."""
+    INTERRUPTED = "interrupted"
+    """Asked to stop; the checkpoint goes on from here."""
+
+
+@dataclass(frozen=True)
+class LinearEpsilon:
+    """Epsilon falls in a straight line over the first `anneal_steps` environment steps.
+
+    Raises:
+        InputError: a share outside [0, 1], or fewer than one step.
+    """
+
+    start: float
+    end: float
+    anneal_steps: int
+
+    def __post_init__(self) -> None:
+        number("exploration.start", self.start, above=-1e-12, at_most=1.0)
+        number("exploration.end", self.end, above=-1e-12, at_most=1.0)
+        whole("exploration.anneal_steps", self.anneal_steps, 1)
+
+    def __call__(self, env_steps: int) -> float:
+        """Epsilon after so many environment steps."""
+        done = min(1.0, env_steps / self.anneal_steps)
+        return self.start + done * (self.end - self.start)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When a run ends without passing, and how it learns on the way.
+
+    max_episodes: T_lim. max_minutes: of training, None for no limit.
+    batch_size: transitions an update. updates_per_step: updates after each step of all environments.
+    learning_starts: transitions in the buffer before the first update (Table 5's replay start size).
+    max_grad_norm: gradients are scaled down to this norm; None: never (the paper says nothing of it).
+
+    Raises:
+        InputError: a number outside its domain.
+    """
+
+    max_episodes: int
+    max_minutes: float | None
+    batch_size: int
+    updates_per_step: int
+    learning_starts: int
+    max_grad_norm: float | None
+
+    def __post_init__(self) -> None:
+        for name in ("max_episodes", "batch_size", "updates_per_step", "learning_starts"):
+            whole(f"training.{name}", getattr(self, name), 1)
+        for name in ("max_minutes", "max_grad_norm"):
+            if getattr(self, name) is not None:
+                number(f"training.{name}", getattr(self, name), above=0.0)
+
+
+@dataclass
+class Progress:
+    """Where a run is. success, rearrangements: of the last IPT; loss: of the last update."""
+
+    iteration: int = 0
+    env_steps: int = 0
+    episodes: int = 0
+    updates: int = 0
+    seconds: float = 0.0
+    loss: float = math.nan
+    epsilon: float = 1.0
+    success: float | None = None
+    rearrangements: float | None = None
+    best_success: float = field(default=-1.0)
+
+
+Report = Callable[[Progress, TestResult | None], None]
+"""Called after each iteration, with the IPT's result where one was run."""
+
+
+class Trainer:
+    """A training run's parts and its loop."""
+
+    def __init__(
+        self,
+        env: RearrangeEnv,
+        agent: Agent,
+        buffer: TensorDictReplayBuffer,
+        optimizer: torch.optim.Optimizer,
+        targets: TargetNetUpdater,
+        epsilon: LinearEpsilon,
+        test: PerformanceTest,
+        budget: Budget,
+    ) -> None:
+        self.env, self.agent, self.buffer = env, agent, buffer
+        self.optimizer, self.targets = optimizer, targets
+        self.epsilon, self.test, self.budget = epsilon, test, budget
+        self.progress = Progress()
+
+    def run(self, report: Report, stop: Callable[[], bool]) -> Ending:
+        """Train until the IPT passes, the budget is spent, or `stop` says so.
+
+        Raises:
+            Diverged: the loss is NaN or infinite.
+        """
+        progress, before = self.progress, time.perf_counter() - self.progress.seconds
+        shown = self.env.observation() if progress.iteration else self.env.reset()
+        while True:
+            shown, finished = self._collect(shown)
+            self._learn()
+            tested = None
+            if (progress.episodes + finished) // self.test.every_episodes > (
+                progress.episodes // self.test.every_episodes
+            ):
+                tested = self.test.run(self.agent.policy)
+                progress.success, progress.rearrangements = tested.success, tested.rearrangements
+            progress.episodes += finished
+            progress.iteration += 1
+            progress.seconds = time.perf_counter() - before
+            report(progress, tested)
+            if tested is not None and tested.passed:
+                return Ending.PASSED
+            if self._spent():
+                return Ending.BUDGET
+            if stop():
+                return Ending.INTERRUPTED
+
+    def _spent(self) -> bool:
+        minutes = self.budget.max_minutes
+        out_of_time = minutes is not None and self.progress.seconds >= 60 * minutes
+        return out_of_time or self.progress.episodes >= self.budget.max_episodes
+
+    @torch.no_grad()
+    def _collect(self, shown: TensorDictBase) -> tuple[TensorDictBase, int]:
+        """One step of every environment into the buffer; what they show next, and how many episodes ended."""
+        self.progress.epsilon = self.epsilon(self.progress.env_steps)
+        self.agent.set_epsilon(self.progress.epsilon)
+        step, following = self.env.step_and_maybe_reset(self.agent.policy(shown))
+        self.buffer.extend(compact(step, self.agent.stored, self.env.reach.n_cells))
+        self.progress.env_steps += self.env.batch_size[0]
+        return following, int(step["next", keys.DONE].sum())
+
+    def _learn(self) -> None:
+        """The updates of one iteration, once the buffer holds enough."""
+        if len(self.buffer) < self.budget.learning_starts:
+            return
+        losses = [self._update() for _ in range(self.budget.updates_per_step)]
+        self.progress.updates += len(losses)
+        self.progress.loss = float(torch.stack(losses).mean())
+        if not math.isfinite(self.progress.loss):
+            raise Diverged(
+                f"the loss is {self.progress.loss} after {self.progress.updates} updates "
+                f"({self.progress.env_steps} env steps); try a lower optimizer.lr"
+            )
+
+    def _update(self) -> torch.Tensor:
+        sample = self.buffer.sample(self.budget.batch_size)
+        loss = self.agent.loss(self.agent.decode(restore(sample)))
+        total = loss["loss_pick"] + loss["loss_place"]
+        self.optimizer.zero_grad(set_to_none=True)
+        total.backward()
+        if self.budget.max_grad_norm is not None:
+            nn.utils.clip_grad_norm_(self.agent.networks.parameters(), self.budget.max_grad_norm)
+        self.optimizer.step()
+        self.targets.step()
+        return total.detach()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Named parts: all that the next iteration depends on."""
+        return {
+            "progress": asdict(self.progress),
+            "loss": self.agent.loss.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "targets": self.targets.state_dict(),
+            "buffer": self.buffer.state_dict(),
+            "env": self.env.state_dict(),
+            "ipt_generator": self.test.generator.get_state(),
+            "rng": torch.get_rng_state(),
+            "cuda_rng": torch.cuda.get_rng_state_all() if torch.cuda.is_available() else [],
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on as the trainer whose `state_dict` this is."""
+        self.progress = Progress(**state["progress"])
+        self.agent.loss.load_state_dict(state["loss"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.targets.load_state_dict(state["targets"])
+        self.buffer.load_state_dict(state["buffer"])
+        self.env.load_state_dict(state["env"])
+        self.test.generator.set_state(state["ipt_generator"].cpu())
+        torch.set_rng_state(state["rng"].cpu())
+        if state["cuda_rng"] and torch.cuda.is_available():
+            torch.cuda.set_rng_state_all([rng.cpu() for rng in state["cuda_rng"]])
