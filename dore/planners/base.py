@@ -9,18 +9,17 @@ import torch
 from torch import Tensor
 
 from dore.board import bit, unpack
-from dore.instances import InstanceSet
-from dore.plan import Move, Plan, PlanError, Status, cell_id, replay
+from dore.plan import Move, Plan, PlanError, Scene, Status, cell_id, replay
 from dore.reach import Reach
+from dore.rules import lift
 from dore.sampling import Batch
 
 
 class Planner(Protocol):
     """Plans rearrangements. Constructors take `reach: Reach` first, then keys of their own."""
 
-    @property
-    def name(self) -> str:
-        """What plans, rows and tables call it."""
+    name: str
+    """What plans, rows and tables call it."""
 
     def plan(self, batch: Batch) -> list[Plan]:
         """One plan an instance, each of them replayed; no moves where the target is accessible already.
@@ -46,7 +45,7 @@ class Draft(NamedTuple):
     optimal_moves: int | None = None
     """The proved fewest moves, where known."""
     reason: str = ""
-    """Why there is no solution."""
+    """Why there is no solution, in a few words."""
 
 
 def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: str) -> list[Plan]:
@@ -60,33 +59,77 @@ def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: 
         planner: the planner's name.
 
     Raises:
-        PlanError: a draft breaks a rule; names the instance, the move and why.
+        PlanError: a draft breaks a rule; names the planner, the instance's place in the batch, the move and why.
     """
-    directions, final = _move_directions(reach, start, drafts)
-    solved = torch.tensor([draft.status is Status.SOLVED for draft in drafts], dtype=torch.bool)
-    rows = solved.nonzero().squeeze(-1)
-    target = start.target[rows]
-    retrieve = dict(zip(rows.tolist(), _directions(reach, final[rows], target, rows, "target"), strict=True))
+    directions, retrieve = _directions(reach, start, drafts)
+    scenes = _scenes(reach, start)
     plans = []
-    for row, draft in enumerate(drafts):
-        moves = tuple(
-            Move(pick, place, *degrees)
-            for (pick, place), degrees in zip(draft.moves, directions[row], strict=True)
-        )
+    for row, (draft, scene) in enumerate(zip(drafts, scenes, strict=True)):
+        moves = tuple(Move(*move, *degrees) for move, degrees in zip(draft.moves, directions[row], strict=True))
         plan = Plan(
             draft.status,
             moves,
-            retrieve.get(row),
+            retrieve[row],
             planner,
             draft.planning_s,
             draft.expansions,
             draft.optimal_moves,
             draft.reason,
         )
-        scene = next(iter(InstanceSet.scenes(reach, Batch(start.board[row, None], start.target[row, None]))))
         try:
             replay(scene, reach, plan)
         except PlanError as error:
             raise PlanError(f"{planner}, instance {row + 1}: {error}") from None
         plans.append(plan)
     return plans
+
+
+def _directions(
+    reach: Reach, start: Batch, drafts: Sequence[Draft]
+) -> tuple[list[list[tuple[float, float]]], list[float | None]]:
+    """Each move's (pick, place) directions and the target's, degrees; step by step, all rows at once."""
+    board, words = start.board.clone(), start.board.shape[-1]
+    target = bit(start.target, words)
+    directions: list[list[tuple[float, float]]] = [[] for _ in drafts]
+    for step in range(max((len(draft.moves) for draft in drafts), default=0)):
+        rows = [row for row, draft in enumerate(drafts) if len(draft.moves) > step]
+        moves = torch.tensor([drafts[row].moves[step] for row in rows], device=board.device)
+        where = [
+            f"instance {row + 1}: move {step + 1} ({cell_id(pick)} to {cell_id(place)})"
+            for row, (pick, place) in zip(rows, moves.tolist(), strict=True)
+        ]
+        pick, place = moves.unbind(-1)
+        lifted = lift(board[rows], pick)
+        picks = _nearest_free(reach, lifted | target[rows], pick, [f"{move}: pick" for move in where])
+        places = _nearest_free(reach, lifted | target[rows], place, [f"{move}: place" for move in where])
+        for row, degrees in zip(rows, zip(picks, places, strict=True), strict=True):
+            directions[row].append(degrees)
+        board[rows] = lifted | bit(place, words)
+    solved = [row for row, draft in enumerate(drafts) if draft.status is Status.SOLVED]
+    where = [f"instance {row + 1}: target" for row in solved]
+    found = dict(zip(solved, _nearest_free(reach, board[solved], start.target[solved], where), strict=True))
+    return directions, [found.get(row) for row in range(len(drafts))]
+
+
+def _nearest_free(reach: Reach, standing: Tensor, cell: Tensor, where: list[str]) -> list[float]:
+    """The approach directions, degrees, of Int64[B] cells on Int64[B, W] boards.
+
+    Raises:
+        PlanError: a cell off the board, or one without a free direction.
+    """
+    for one, name in zip(cell.tolist(), where, strict=True):
+        if not 0 <= one < reach.n_cells:
+            raise PlanError(f"{name} id {cell_id(one)}, want 1 to {reach.n_cells}")
+    blocked = ~reach.free_cell(standing, cell)
+    if bool(blocked.any()):
+        row = int(blocked.nonzero()[0, 0])
+        raise PlanError(f"{where[row]}: no free approach direction to cell {cell_id(int(cell[row]))}")
+    return reach.direction_deg(unpack(standing, reach.n_cells), cell).tolist()
+
+
+def _scenes(reach: Reach, batch: Batch) -> list[Scene]:
+    """The instances as the replay reads them."""
+    return [
+        Scene(reach.layout, tuple(cell for cell, there in enumerate(row) if there), target)
+        for row, target in zip(unpack(batch.board, reach.n_cells).tolist(), batch.target.tolist(), strict=True)
+    ]
