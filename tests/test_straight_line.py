@@ -12,10 +12,11 @@ from drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
 from dore.errors import InputError
 from dore.instances import InstanceSet
 from dore.layout import Layout
-from dore.plan import PlanError, Status, replay
+from dore.plan import PlanError, Scene, Status, replay
 from dore.planners.base import Draft, checked_plans
 from dore.planners.straight_line import GiveUp, StraightLine
 from dore.reach import Reach
+from dore.rules import retrievable
 from dore.sampling import Batch, Difficulty
 
 DEFAULTS = {"start_x_m": 0.0, "start_y_m": 0.0, "corridor_m": None, "avoid_corridors": False, "max_moves": 30}
@@ -118,7 +119,7 @@ def test_gives_up_by_name() -> None:
 
 @pytest.mark.parametrize("avoid", [False, True])
 @pytest.mark.parametrize(("rows", "cols", "most"), [(3, 6, 9), (6, 6, 14), (10, 10, 30)])
-def test_plans_replay_and_end_with_a_clear_corridor(rows: int, cols: int, most: int, avoid: bool) -> None:
+def test_plans_replay_and_end_with_a_clear_corridor_or_stuck(rows: int, cols: int, most: int, avoid: bool) -> None:
     reach = wide_hand(rows, cols)
     instances = InstanceSet.generate(reach, 60, Difficulty(3, most), "test", seed=rows)
     planner = baseline(reach, avoid_corridors=avoid)
@@ -128,8 +129,10 @@ def test_plans_replay_and_end_with_a_clear_corridor(rows: int, cols: int, most: 
         assert len(plan.moves) <= 30
         assert (plan.status is Status.SOLVED) == (plan.reason == "")
         if plan.status is Status.SOLVED:
-            solved += 1
-            assert boards[-1].isdisjoint(planner.corridors[scene.target])
+            solved += boards[-1].isdisjoint(planner.corridors[scene.target])
+        else:
+            alone = InstanceSet.of_scene(reach, Scene(reach.layout, tuple(boards[-1]), scene.target))
+            assert not retrievable(reach, *alone)
     assert solved > 20
 
 

@@ -44,6 +44,7 @@ class StraightLine:
     Not in the paper, which does not say:
     - where the corridor is clear and VFH+ still finds no way (it needs room beside the cell), what blocks the
       lane nearest the straight line is removed too, unless the target is what blocks it;
+    - where it cannot go on, it takes the target if that is accessible by then;
     - no move brings an earlier board back; with the move budget, this keeps the method from looping;
     - of two farthest cells the one with the lower id is taken.
 
@@ -97,7 +98,8 @@ class StraightLine:
             if not clearing.accessible[clearing.target]:
                 clearing.clear(clearing.target, waiting=frozenset(), keep=frozenset())
         except _Stuck as stuck:
-            status, reason = Status.GAVE_UP, str(stuck)
+            if not clearing.accessible[clearing.target]:
+                status, reason = Status.GAVE_UP, str(stuck)
         taken = time.perf_counter() - began
         return Draft(clearing.moves, status, taken, expansions=len(clearing.moves), reason=reason)
 
