@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -15,9 +16,17 @@ from dore.errors import InputError, atomic_write, whole
 from dore.plan import Scene
 from dore.reach import Reach
 from dore.rules import has_move, retrievable
-from dore.sampling import PATIENCE, Batch, Difficulty, FreshInstances
+from dore.sampling import PATIENCE, Batch, Difficulty, FreshInstances, InstanceSource
 
 FORMAT = "dore-instances/1"
+
+
+def scenes_of(reach: Reach, batch: Batch) -> list[Scene]:
+    """The instances of a batch as scenes."""
+    return [
+        Scene(reach.layout, tuple(cell for cell, there in enumerate(row) if there), target)
+        for row, target in zip(unpack(batch.board, reach.n_cells).tolist(), batch.target.tolist(), strict=True)
+    ]
 
 
 class InstanceSet:
@@ -57,8 +66,11 @@ class InstanceSet:
         return len(self.target)
 
     def __iter__(self) -> Iterator[Scene]:
-        for occupied, target in zip(unpack(self.board, self.reach.n_cells).tolist(), self.target.tolist(), strict=True):
-            yield Scene(self.reach.layout, tuple(c for c, there in enumerate(occupied) if there), target)
+        return iter(scenes_of(self.reach, self.batch()))
+
+    def first(self, n: int) -> InstanceSet:
+        """The first `n` instances, or all where there are fewer."""
+        return InstanceSet(self.reach, *self.batch(slice(n)))
 
     def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
         """The instances of those rows."""
@@ -168,3 +180,53 @@ def _first_of_each(rows: Tensor) -> Tensor:
 def _world(reach: Reach) -> str:
     """What a set is made for, as a line of text."""
     return f"layout {reach.layout.to_dict()} reach {reach.to_dict()}"
+
+
+@dataclass(frozen=True)
+class InstanceSplits:
+    """The three splits of one difficulty; no board, nor its mirror image, is in two of them.
+
+    Args:
+        min_obstacles, max_obstacles: see `dore.sampling.Difficulty`.
+        train_size: how many instances to train on; None draws fresh ones for ever.
+        validation_size, test_size: how many instances these sets hold.
+        seed: of the sets.
+
+    Raises:
+        InputError: a number outside its domain.
+    """
+
+    min_obstacles: int
+    max_obstacles: int
+    train_size: int | None
+    validation_size: int
+    test_size: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        Difficulty(self.min_obstacles, self.max_obstacles)
+        for name in ("train_size", "validation_size", "test_size"):
+            size = getattr(self, name)
+            if name != "train_size" or size is not None:
+                whole(f"instances.{name}", size, 1)
+        whole("instances.seed", self.seed, 0)
+
+    @property
+    def difficulty(self) -> Difficulty:
+        """How many obstacles there are."""
+        return Difficulty(self.min_obstacles, self.max_obstacles)
+
+    def train(self, reach: Reach, seed: int) -> InstanceSource:
+        """Where training episodes come from; `seed` is the run's."""
+        if self.train_size is None:
+            return FreshInstances(reach, self.difficulty, "train", seed)
+        instances = InstanceSet.generate(reach, self.train_size, self.difficulty, "train", self.seed)
+        return FixedInstances(instances, seed)
+
+    def validation(self, reach: Reach) -> InstanceSet:
+        """What the IPT draws from."""
+        return InstanceSet.generate(reach, self.validation_size, self.difficulty, "validation", self.seed)
+
+    def test(self, reach: Reach) -> InstanceSet:
+        """What is looked at once, at the end."""
+        return InstanceSet.generate(reach, self.test_size, self.difficulty, "test", self.seed)

@@ -139,19 +139,19 @@ class Trainer:
         while True:
             shown, finished = self._collect(shown)
             self._learn()
-            tested = None
-            if (progress.episodes + finished) // self.test.every_episodes > (
-                progress.episodes // self.test.every_episodes
-            ):
-                tested = self.test.run(self.agent.policy)
-                progress.success, progress.rearrangements = tested.success, tested.rearrangements
+            tests_due = progress.episodes // self.test.every_episodes
             progress.episodes += finished
             progress.iteration += 1
             progress.seconds = time.perf_counter() - before
+            spent = self._spent()
+            tested = None
+            if spent or progress.episodes // self.test.every_episodes > tests_due:
+                tested = self.test.run(self.agent.policy)
+                progress.success, progress.rearrangements = tested.success, tested.rearrangements
             report(progress, tested)
             if tested is not None and tested.passed:
                 return Ending.PASSED
-            if self._spent():
+            if spent:
                 return Ending.BUDGET
             if stop():
                 return Ending.INTERRUPTED

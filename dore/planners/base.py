@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from dore.board import bit, unpack
-from dore.plan import Move, Plan, PlanError, Scene, Status, cell_id, replay
+from dore.instances import scenes_of
+from dore.plan import Move, Plan, PlanError, Status, cell_id, replay
 from dore.reach import Reach
 from dore.rules import lift
 from dore.sampling import Batch
@@ -62,7 +63,7 @@ def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: 
         PlanError: a draft breaks a rule; names the planner, the instance's place in the batch, the move and why.
     """
     directions, retrieve = _directions(reach, start, drafts)
-    scenes = _scenes(reach, start)
+    scenes = scenes_of(reach, start)
     plans = []
     for row, (draft, scene) in enumerate(zip(drafts, scenes, strict=True)):
         moves = tuple(Move(*move, *degrees) for move, degrees in zip(draft.moves, directions[row], strict=True))
@@ -125,11 +126,3 @@ def _nearest_free(reach: Reach, standing: Tensor, cell: Tensor, where: list[str]
         row = int(blocked.nonzero()[0, 0])
         raise PlanError(f"{where[row]}: no free approach direction to cell {cell_id(int(cell[row]))}")
     return reach.direction_deg(unpack(standing, reach.n_cells), cell).tolist()
-
-
-def _scenes(reach: Reach, batch: Batch) -> list[Scene]:
-    """The instances as the replay reads them."""
-    return [
-        Scene(reach.layout, tuple(cell for cell, there in enumerate(row) if there), target)
-        for row, target in zip(unpack(batch.board, reach.n_cells).tolist(), batch.target.tolist(), strict=True)
-    ]

@@ -1,0 +1,115 @@
+"""From a composed config to the objects it names. Everything is built, and so checked, before long work starts."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from hydra.errors import InstantiationException
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+
+from dore.agents.common import Agent
+from dore.errors import InputError, whole
+from dore.instances import InstanceSplits
+from dore.layout import Layout
+from dore.planners.base import Planner
+from dore.reach import Reach
+
+WORLD = ("layout", "reach", "instances")
+MODEL = (*WORLD, "agent", "network")
+"""The groups that a model file keeps: what is needed to build its networks again, and what they learned from."""
+
+
+def make(node: Any, name: str, **given: Any) -> Any:
+    """Instantiate a config node.
+
+    Raises:
+        InputError: the class refused its arguments; names the node.
+    """
+    if node is None:
+        raise InputError(f"{name}: not given, want one of its options ({name}=NAME)")
+    if "_target_" not in node:
+        raise InputError(f"{name}: only {', '.join(map(str, node))} given, want one of its options ({name}=NAME) too")
+    try:
+        if node.get("_partial_"):
+            return instantiate(node, _convert_="all")
+        factory = instantiate(node, _partial_=True, _convert_="all")
+        inspect.signature(factory.func).bind(**factory.keywords, **given)
+    except (InstantiationException, TypeError) as error:
+        # Nested nodes are built on the way, and say best themselves what is wrong with them.
+        if isinstance(error.__cause__, InputError | OSError | MemoryError):
+            raise error.__cause__ from None
+        raise InputError(f"{name}: {' '.join(str(error).split())}") from None
+    return factory(**given)
+
+
+def call(factory: Callable[..., Any], name: str, *given: Any) -> Any:
+    """Call a library's class that checks its own arguments.
+
+    Raises:
+        InputError: it refused them; names the node.
+    """
+    try:
+        return factory(*given)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{name}: {' '.join(str(error).split())}") from None
+
+
+def reach_of(config: Mapping[str, Any], device: str, layout: Layout | None = None) -> Reach:
+    """The accessibility check of a layout, the config's unless one is given."""
+    layout = layout or make(config["layout"], "layout")
+    reach: Reach = make(config["reach"], "reach", layout=layout)
+    return reach.to(device_of(device))
+
+
+def device_of(name: str) -> torch.device:
+    """A device that is there.
+
+    Raises:
+        InputError: no such device on this machine.
+    """
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        raise InputError(f"device: got {name!r}, want cpu, cuda or cuda:N") from None
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        raise InputError(f"device: {name!r} is not on this machine, which has {torch.cuda.device_count()} CUDA devices")
+    return device
+
+
+def agent_of(config: Mapping[str, Any], reach: Reach) -> Agent:
+    """The agent, with fresh weights."""
+    network = make(config["network"], "network")
+    agent: Agent = make(config["agent"], "agent", reach=reach, network=network)
+    return agent
+
+
+def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
+    """The instance splits, checked against the layout."""
+    splits: InstanceSplits = make(config["instances"], "instances")
+    splits.difficulty.check_fits(reach.n_cells)
+    return splits
+
+
+def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:
+    """The planners that the config names."""
+    return [make(node, f"planner {name}", reach=reach) for name, node in cfg.planners.items()]
+
+
+def world_of(cfg: DictConfig, model_config: Mapping[str, Any] | None) -> DictConfig:
+    """layout, reach and instances: a model's own, overridden by what the config gives."""
+    world = OmegaConf.create({name: (model_config or {}).get(name) for name in WORLD})
+    for name in WORLD:
+        given = cfg.get(name)
+        if given is not None:
+            # A whole preset replaces the model's; single keys, as an arm's front_m, change it.
+            world[name] = given if "_target_" in given else OmegaConf.merge(world[name] or {}, given)
+    return world
+
+
+def use_threads(threads: int) -> None:
+    """How many CPU threads torch may use."""
+    torch.set_num_threads(whole("threads", threads, 1))

@@ -1,0 +1,120 @@
+"""The commands. Nothing heavy is imported before a config is composed, so that --help answers at once."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import hydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dore.errors import InputError
+
+BAD_INPUT = 2
+Task = Callable[[DictConfig], int]
+
+
+def train() -> None:
+    """dore-train."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.commands import train
+
+        return train(cfg)
+
+    _main("train", task)
+
+
+def evaluate() -> None:
+    """dore-evaluate."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.commands import evaluate
+
+        return evaluate(cfg)
+
+    _main("evaluate", task)
+
+
+def plan() -> None:
+    """dore-plan."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.commands import plan
+
+        return plan(cfg)
+
+    _main("plan", task)
+
+
+def execute() -> None:
+    """dore-execute."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.sim.command import execute
+
+        return execute(cfg)
+
+    _main("execute", task)
+
+
+def conf_dir() -> Path:
+    """Where the configs are: inside the installed package, or beside it in a checkout."""
+    packed = Path(__file__).parent / "conf"
+    return packed if packed.is_dir() else Path(__file__).parents[1] / "conf"
+
+
+def _main(name: str, task: Task) -> None:
+    """Compose the config, run the task, exit with its code; what the user got wrong is one line and code 2."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises what it would print with a traceback.
+
+    def run(cfg: DictConfig) -> None:
+        code = _guarded(name, lambda: task(cfg))
+        if code:
+            sys.exit(code)
+
+    command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
+    sys.exit(_guarded(name, lambda: command() or 0))
+
+
+def _guarded(name: str, work: Callable[[], int]) -> int:
+    """The exit code of `work`; bad input, a bad config and a disk that refuses are said in one line."""
+    try:
+        return work()
+    except InputError as error:
+        message = str(error)
+    except (HydraException, OmegaConfBaseException) as error:
+        message = _config_message(name, str(error))
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except OSError as error:
+        message = f"{error.filename or 'disk'}: {error.strerror or error}"
+    print(f"dore-{name}: {' '.join(message.split())}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _config_message(command: str, text: str) -> str:
+    """Hydra's error, with the options there are and without its advice on Hydra itself."""
+    text = text.split("Config search path")[0]
+    unknown = re.search(r"Could not override '([^']+)'", text)
+    if not unknown:
+        return text
+    key = unknown[1]
+    parent, _, last = key.rpartition(".")
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        others = [one for one in sys.argv[1:] if "=" in one and not one.lstrip("+~").startswith(key)]
+        composed = hydra.compose(command, others)
+    node = OmegaConf.select(composed, parent) if parent else composed
+    if not isinstance(node, DictConfig):
+        parent, last, node = "", parent, composed
+    options = [str(name) for name in node if not str(name).startswith("_")]
+    near = difflib.get_close_matches(last, options, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    return f"{key}: no such key{hint}; {parent or command} has: {', '.join(options)}"

@@ -1,0 +1,147 @@
+"""What dore-train, dore-evaluate and dore-plan do with a composed config; each returns the exit code."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig
+
+from dore import build, run_folder, tables
+from dore.checkpoint import load_checkpoint, load_model
+from dore.errors import InputError, whole
+from dore.evaluation import Timing, read_rows, write_rows
+from dore.evaluation import evaluate as evaluate_planners
+from dore.instances import InstanceSet, scenes_of
+from dore.plan import Plan, PlanFile, Status, cell_id
+from dore.plan_files import read_scene, write_plan
+from dore.render import draw_plan
+from dore.sampling import FreshInstances
+from dore.session import CURVE, Session, trainer_of
+from dore.training import Diverged, Ending
+
+OK, FAILED, UNSOLVABLE, GAVE_UP, STOPPED = 0, 1, 3, 4, 130
+
+logging.getLogger("torchrl").setLevel(logging.WARNING)
+
+
+def train(cfg: DictConfig) -> int:
+    """Train a new run, or go on with one."""
+    resumed = cfg.resume is not None
+    folder = Path(cfg.resume) if resumed else _run_dir(cfg)
+    if resumed:
+        cfg = _resumed_config(folder)
+    trainer = trainer_of(cfg)
+    if resumed:
+        state = load_checkpoint(folder / run_folder.CHECKPOINT, cfg.device)
+        trainer.load_state_dict(state)
+    else:
+        run_folder.claim(folder)
+        run_folder.write_config(folder, cfg)
+    print(f"training in {folder}", flush=True)
+    try:
+        ending = Session(trainer, folder, cfg, resumed).run()
+    except Diverged as error:
+        print(f"dore-train: {error}", file=sys.stderr)
+        return FAILED
+    if ending is Ending.INTERRUPTED:
+        print(f"stopped; go on with: dore-train resume={folder}")
+        return STOPPED
+    progress = trainer.progress
+    success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
+    print(f"{ending}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
+    print(f"model, {run_folder.METRICS} and {CURVE} are in {folder}")
+    return OK
+
+
+def evaluate(cfg: DictConfig) -> int:
+    """Run planners on a split, write rows.csv and print the tables made from it."""
+    folder = _run_dir(cfg)
+    build.use_threads(cfg.threads)
+    if cfg.split not in ("test", "validation"):
+        raise InputError(f"split: got {cfg.split!r}, want test or validation")
+    if cfg.timing not in tuple(Timing):
+        raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
+    world = build.world_of(cfg, _model_config(cfg))
+    reach = build.reach_of(world, cfg.device)
+    splits = build.splits_of(world, reach)
+    planners = build.planners_of(cfg, reach)
+    instances: InstanceSet = splits.test(reach) if cfg.split == "test" else splits.validation(reach)
+    if cfg.limit is not None:
+        instances = instances.first(whole("limit", cfg.limit, 1))
+    run_folder.claim(folder)
+    run_folder.write_config(folder, cfg)
+    write_rows(folder / "rows.csv", evaluate_planners(planners, instances, Timing(cfg.timing)))
+    rows = read_rows(folder / "rows.csv")
+    print(tables.as_text(tables.summary_table(tables.summarise(rows))))
+    if len(planners) > 1:
+        print()
+        print(tables.as_text(tables.paired_table(tables.compare(rows))))
+    print(f"rows.csv is in {folder}")
+    return OK
+
+
+def plan(cfg: DictConfig) -> int:
+    """Plan one scene; write the plan, draw it, and print it."""
+    build.use_threads(cfg.threads)
+    world = build.world_of(cfg, _model_config(cfg))
+    if cfg.scene == "random":
+        reach = build.reach_of(world, cfg.device)
+        difficulty = build.splits_of(world, reach).difficulty
+        drawn = FreshInstances(reach, difficulty, "test", whole("seed", cfg.seed, 0)).draw(1)
+        (scene,) = scenes_of(reach, drawn)
+    else:
+        scene = read_scene(cfg.scene)
+        reach = build.reach_of(world, cfg.device, scene.layout)
+    planners = build.planners_of(cfg, reach)
+    if len(planners) != 1:
+        raise InputError(f"planner: got {len(planners)}, want one")
+    (found,) = planners[0].plan(InstanceSet.of_scene(reach, scene))
+    file = PlanFile(scene, reach, found)
+    write_plan(cfg.out, file)
+    picture = Path(cfg.picture) if cfg.picture else Path(cfg.out).with_suffix(".png")
+    draw_plan(scene, reach, found, picture)
+    _print_plan(found, cell_id(scene.target))
+    print(f"plan: {cfg.out}  picture: {picture}")
+    return {Status.SOLVED: OK, Status.UNSOLVABLE: UNSOLVABLE, Status.GAVE_UP: GAVE_UP}[found.status]
+
+
+def _print_plan(found: Plan, target_id: int) -> None:
+    why = f" ({found.reason})" if found.reason else ""
+    print(f"{found.status}{why} by {found.planner} in {1000 * found.planning_s:.1f} ms, {len(found.moves)} moves")
+    for number, move in enumerate(found.moves, 1):
+        print(
+            f"  {number}. {cell_id(move.pick):>3} to {cell_id(move.place):<3}"
+            f"  pick from {move.pick_direction_deg:+.1f} deg, place from {move.place_direction_deg:+.1f} deg"
+        )
+    if found.target_direction_deg is not None:
+        print(f"  then the target on {target_id}, from {found.target_direction_deg:+.1f} deg")
+
+
+def _run_dir(cfg: DictConfig) -> Path:
+    """The run's folder: its own in a sweep, so that no two jobs share one."""
+    settings = HydraConfig.get()
+    if settings.mode is RunMode.MULTIRUN:
+        cfg.run_dir = str(Path(settings.sweep.dir) / settings.sweep.subdir)
+    return Path(cfg.run_dir)
+
+
+def _resumed_config(folder: Path) -> DictConfig:
+    """The run's own config; of what the command line gives, only the budget may differ."""
+    cfg = run_folder.read_config(folder)
+    changes = [change for change in HydraConfig.get().overrides.task if not change.startswith("resume=")]
+    for change in changes:
+        if not change.startswith("training."):
+            raise InputError(f"resume: {change} cannot be changed in {folder}, only training.* can")
+    cfg.merge_with_dotlist(changes)
+    return cfg
+
+
+def _model_config(cfg: DictConfig) -> Mapping[str, Any] | None:
+    """What the given model was made with."""
+    return None if cfg.model is None else load_model(cfg.model)[1]

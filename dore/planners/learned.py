@@ -1,0 +1,60 @@
+"""The greedy policy of a trained model as a planner."""
+
+from __future__ import annotations
+
+import os
+import time
+
+from dore.build import agent_of
+from dore.checkpoint import load_model
+from dore.errors import InputError, whole
+from dore.layout import Layout
+from dore.plan import Plan, Status
+from dore.planners.base import Draft, checked_plans
+from dore.reach import Reach
+from dore.rollout import Rollout, greedy_rollout
+from dore.rules import Failure
+from dore.sampling import Batch
+
+
+class Learned:
+    """Acts by the largest legal Q-value; boards it has visited are ruled out, so it never loops.
+
+    Args:
+        reach: may differ from the one trained on; the layout may not.
+        model: a run directory or a model file.
+        max_moves: gives up after so many.
+
+    Raises:
+        InputError: no model, a damaged one, or one of another layout.
+    """
+
+    name = "learned"
+
+    def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
+        if model is None:
+            raise InputError("model: not given, want model=RUN_DIR or a model file")
+        self.reach = reach
+        self.max_moves = whole("planner.learned.max_moves", max_moves, 1)
+        weights, config = load_model(model)
+        trained_on = {key: value for key, value in config["layout"].items() if key != "_target_"}
+        if Layout.from_dict({k: v for k, v in trained_on.items() if v is not None}) != reach.layout:
+            raise InputError(f"model: {model} is for layout {trained_on}, this one is {reach.layout.to_dict()}")
+        self.agent = agent_of(config, reach)
+        self.agent.networks.load_state_dict(weights)
+
+    def plan(self, batch: Batch) -> list[Plan]:
+        """All instances at once; see `Planner`."""
+        began = time.perf_counter()
+        rollout = greedy_rollout(self.agent.policy, self.reach, batch, self.max_moves)
+        share = (time.perf_counter() - began) / max(1, len(batch.target))
+        drafts = [_draft(rollout, row, share) for row in range(len(batch.target))]
+        return checked_plans(self.reach, batch, drafts, self.name)
+
+
+def _draft(rollout: Rollout, row: int, planning_s: float) -> Draft:
+    moves, solved = rollout.moves(row), bool(rollout.solved[row])
+    failure = Failure(int(rollout.failure[row]))
+    reason = "" if solved else "move budget" if failure is Failure.NONE else failure.name.lower().replace("_", " ")
+    status = Status.SOLVED if solved else Status.GAVE_UP
+    return Draft(moves, status, planning_s, expansions=len(moves), reason=reason)

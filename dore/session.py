@@ -1,0 +1,163 @@
+"""A training run as a user sees it: progress bar, logs, checkpoints, the best model, and how to go on."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+from typing import Any, cast
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torchrl.record.loggers import Logger
+from tqdm import tqdm
+
+from dore.build import MODEL, agent_of, call, make, reach_of, splits_of, use_threads
+from dore.checkpoint import MODEL_NAME, save_checkpoint, save_model
+from dore.curves import draw_learning_curve
+from dore.errors import number, whole
+from dore.performance import TestResult
+from dore.run_folder import CHECKPOINT, METRICS, MetricsLog, mark_done
+from dore.training import Diverged, Ending, Progress, Trainer
+
+COLUMNS = (
+    "iteration",
+    "env_steps",
+    "episodes",
+    "updates",
+    "seconds",
+    "epsilon",
+    "loss",
+    "success",
+    "rearrangements",
+    "target_success",
+    "env_steps_per_s",
+)
+CURVE = "learning_curve.png"
+
+
+def trainer_of(cfg: DictConfig) -> Trainer:
+    """A training run's parts; seeds torch's generator, which weights, exploration and sampling draw from."""
+    whole("seed", cfg.seed, 0)
+    whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
+    use_threads(cfg.threads)
+    reach = reach_of(cfg, cfg.device)
+    splits = splits_of(cfg, reach)
+    torch.manual_seed(cfg.seed)
+    agent = agent_of(cfg, reach)
+    env = make(cfg.env, "env", reach=reach, source=splits.train(reach, cfg.seed))
+    return Trainer(
+        env=env,
+        agent=agent,
+        buffer=make(cfg.buffer, "buffer"),
+        # The updater comes before the first loss: TorchRL warns otherwise.
+        targets=call(make(cfg.target_update, "target_update"), "target_update", agent.loss),
+        optimizer=call(make(cfg.optimizer, "optimizer"), "optimizer", agent.networks.parameters()),
+        epsilon=make(cfg.exploration, "exploration"),
+        test=make(cfg.ipt, "ipt", instances=splits.validation(reach)),
+        budget=make(cfg.training, "training"),
+    )
+
+
+class Session:
+    """Runs a trainer in a run folder.
+
+    Args:
+        folder: claimed, its config written.
+        cfg: the run's config.
+        resumed: the trainer goes on from the folder's checkpoint.
+    """
+
+    def __init__(self, trainer: Trainer, folder: Path, cfg: DictConfig, resumed: bool) -> None:
+        self.trainer, self.folder = trainer, folder
+        self.log_every = whole("log_every", cfg.log_every, 1)
+        self.checkpoint_s = 60 * number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
+        plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
+        self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
+        progress = trainer.progress
+        self.metrics = MetricsLog(folder / METRICS, COLUMNS, progress.iteration if resumed else None)
+        self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
+        self.bar = tqdm(total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05)
+        self._stop = False
+        self._saved_at = time.perf_counter()
+        self._mark = (time.perf_counter(), progress.env_steps)
+
+    def run(self) -> Ending:
+        """Train to the end, or until asked to stop; leave a checkpoint either way.
+
+        Raises:
+            Diverged: names the last good checkpoint too.
+        """
+        before = {number: signal.signal(number, self._ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            ending = self.trainer.run(self._report, lambda: self._stop)
+        except Diverged as error:
+            checkpoint = self.folder / CHECKPOINT
+            good = f"the last good checkpoint is {checkpoint}" if checkpoint.exists() else "there is no checkpoint yet"
+            raise Diverged(f"{error}; {good}") from None
+        finally:
+            for number_, handler in before.items():
+                signal.signal(number_, handler)
+            self.bar.close()
+            self.metrics.close()
+        self._save_checkpoint()
+        progress = self.trainer.progress
+        if ending is Ending.PASSED or not (self.folder / MODEL_NAME).exists():
+            self._save_model()
+        draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
+        if ending is not Ending.INTERRUPTED:
+            mark_done(self.folder, {"ending": str(ending), **asdict(progress)})
+        return ending
+
+    def _ask_to_stop(self, signum: int, frame: FrameType | None) -> None:
+        """Stop after this iteration; a second Ctrl-C stops at once."""
+        self._stop = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _report(self, progress: Progress, tested: TestResult | None) -> None:
+        self.bar.n = progress.episodes
+        if tested is not None and tested.success >= progress.best_success:
+            progress.best_success = tested.success
+            self._save_model()
+        if tested is not None or progress.iteration % self.log_every == 0:
+            self._log(progress, tested)
+        if time.perf_counter() - self._saved_at > self.checkpoint_s:
+            self._save_checkpoint()
+
+    def _log(self, progress: Progress, tested: TestResult | None) -> None:
+        now, steps = time.perf_counter(), progress.env_steps
+        rate = (steps - self._mark[1]) / max(now - self._mark[0], 1e-9)
+        self._mark = (now, steps)
+        row: dict[str, float | None] = {
+            "iteration": progress.iteration,
+            "env_steps": steps,
+            "episodes": progress.episodes,
+            "updates": progress.updates,
+            "seconds": round(progress.seconds, 3),
+            "epsilon": progress.epsilon,
+            "loss": progress.loss if progress.updates else None,
+            "success": tested.success if tested else None,
+            "rearrangements": tested.rearrangements if tested else None,
+            "target_success": self.trainer.test.target_success,
+            "env_steps_per_s": round(rate, 1),
+        }
+        self.metrics.write(row)
+        for logger in self.loggers.values():
+            for name, value in row.items():
+                if value is not None and name not in ("iteration", "env_steps"):
+                    logger.log_scalar(f"train/{name}", value, step=steps)
+        success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
+        self.bar.set_postfix_str(
+            f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
+        )
+
+    def _save_checkpoint(self) -> None:
+        save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
+        self._saved_at = time.perf_counter()
+
+    def _save_model(self) -> None:
+        """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
+        save_model(self.folder / MODEL_NAME, self.trainer.agent.networks.state_dict(), self.model_config)
