@@ -56,7 +56,7 @@ class CollisionChecker:
         self._kin, self._bodies = kinematics, tuple(bodies)
         self._drop = kinematics.arm.base_drop_m
         self._model, self._scene = kinematics.model, kinematics.geometry.copy()
-        self._robot = [i for i, _ in enumerate(self._scene.geometryObjects)]
+        self._robot = list(range(self._scene.ngeoms))
         for item in self._scene.geometryObjects:
             if isinstance(item.geometry, coal.BVHModelBase):
                 item.geometry.buildConvexHull(True, "Qt")  # as SAPIEN does with the same meshes
@@ -110,9 +110,7 @@ class CollisionChecker:
             pairs += [(carried, part) for part in (*arm_only, self._table)]
         for a in self._robot:
             near = self._scene.geometryObjects[a].parentJoint
-            pairs += [
-                (a, b) for b in self._robot if self._scene.geometryObjects[b].parentJoint - near >= 3
-            ]
+            pairs += [(a, b) for b in self._robot if self._scene.geometryObjects[b].parentJoint - near >= 3]
         self._scene.removeAllCollisionPairs()
         for a, b in pairs:
             self._scene.addCollisionPair(pin.CollisionPair(a, b))

@@ -111,18 +111,21 @@ class CameraConfig:
         InputError: a size below 16 pixels, a field of view outside (0, 170] degrees, a rate that is not positive.
     """
 
-    eye_m: tuple[float, float, float] = (1.45, -0.95, 0.85)
-    look_at_m: tuple[float, float, float] = (0.45, 0.0, 0.08)
-    width_px: int = 960
-    height_px: int = 720
-    field_of_view_deg: float = 45.0
+    eye_m: tuple[float, float, float] = (1.50, -0.95, 0.85)
+    look_at_m: tuple[float, float, float] = (0.42, 0.02, 0.12)
+    width_px: int = 640
+    height_px: int = 480
+    field_of_view_deg: float = 38.0
     frames_per_s: float = 10.0
+    playback_speed: float = 2.0
+    shadows: bool = False
 
     def __post_init__(self) -> None:
         number("camera.width_px", self.width_px, above=15)
         number("camera.height_px", self.height_px, above=15)
         number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
-        number("camera.frames_per_s", self.frames_per_s, above=0.0, at_most=20.0)
+        number("camera.frames_per_s", self.frames_per_s, above=0.0, at_most=60.0)
+        number("camera.playback_speed", self.playback_speed, above=0.0, at_most=100.0)
         for name in ("eye_m", "look_at_m"):
             if len(getattr(self, name)) != 3:
                 raise InputError(f"camera.{name}: got {getattr(self, name)!r}, want [x, y, z] in metres")

@@ -21,7 +21,10 @@ HAND_HALF_WIDTH_M = FINGER_OPEN_M + 0.012
 
 # The stock hand is 20 cm wide and cannot pass between neighbours of 12 cm cells. This one has a 10 cm palm and
 # plain 12 mm fingers, 3 cm longer, so that the tilted palm clears the top of what it grasps. It is no product.
-_PALM = (("box", "0 0 0.046", "0.056 0.100 0.034", "0.22 0.23 0.26 1"), ("cylinder", "0 0 0.015", "0.036 0.03", "0.9 0.9 0.9 1"))
+_PALM = (
+    ("box", "0 0 0.046", "0.056 0.100 0.034", "0.22 0.23 0.26 1"),
+    ("cylinder", "0 0 0.015", "0.036 0.03", "0.9 0.9 0.9 1"),
+)
 _FINGER_SIZE, _FINGER_COLOUR = "0.022 0.012 0.090", "0.12 0.12 0.13 1"
 _STOCK_TOOL, _SLIM_TOOL = 'xyz="0 0 0.1034"', 'xyz="0 0 0.1334"'
 

@@ -111,19 +111,24 @@ def _perform(
     env = gym.make(
         "DoreTabletop-v1", layout=plan_file.scene.layout, bodies=bodies, arm=arm, camera=camera,
         density_kg_m3=objects.density_kg_m3, obs_mode="none", reward_mode="none", control_mode="pd_joint_pos",
-        sim_backend="physx_cpu", render_backend=backend, enable_shadow=True,
+        sim_backend="physx_cpu", render_backend=backend, enable_shadow=camera.shadows,
         render_mode=None if backend == "none" else "rgb_array",
     )  # fmt: skip
     try:
+        report.write(out_dir / REPORT_NAME)  # an interrupted execution leaves a report that says so
         env.reset(seed=report.seed, options={"cells": [plan_file.scene.target, *plan_file.scene.obstacles]})
-        with Video(env, out_dir / VIDEO_NAME, camera.frames_per_s, _CONTROL_S, backend != "none") as film:
+        with _video(env, out_dir, camera, backend != "none") as film:
             operator = Operator(env, film.after_step)
             _run_moves(operator, plan_file, moves, report, out_dir)
             operator.hold(_LAST_LOOK_STEPS)
             _conclude(operator, report)
-        report.video = film.written
+        report.video = VIDEO_NAME if film.written else None
     finally:
         env.close()
+
+
+def _video(env: Any, out_dir: Path, camera: CameraConfig, on: bool) -> Video:
+    return Video(env, out_dir / VIDEO_NAME, camera.frames_per_s, camera.playback_speed, _CONTROL_S, on)
 
 
 def _run_moves(

@@ -72,4 +72,4 @@ def straight(start: Array, end: Array, spacing_m: float) -> Array:
 
 def inside(centres: Array, cell_m: float, xy: Array) -> NDArray[np.bool_]:
     """Bool[G]: which cells (squares of `cell_m` about `centres` Float64[G, 2]) hold the point `xy` Float64[2]."""
-    return (np.abs(centres - xy) <= cell_m / 2).all(axis=-1)
+    return np.asarray((np.abs(centres - xy) <= cell_m / 2).all(axis=-1))

@@ -135,9 +135,7 @@ class Rehearsal:
         heading, side = math.degrees(way.heading_rad), way.staging_xy[1]
         if abs(heading) > self.arm.heading_limit_deg + 1e-6:
             limit = f"+-{self.arm.heading_limit_deg:g}"
-            raise Refused(
-                Outcome.OUT_OF_REACH, self._where, f"its lane heads {heading:.1f} deg, want within {limit}"
-            )
+            raise Refused(Outcome.OUT_OF_REACH, self._where, f"its lane heads {heading:.1f} deg, want within {limit}")
         if abs(side) > self.arm.lateral_limit_m + 1e-6:
             limit = f"+-{self.arm.lateral_limit_m:g}"
             raise Refused(

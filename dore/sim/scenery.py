@@ -21,6 +21,11 @@ _LEG: Colour = (0.45, 0.42, 0.38, 1)
 _PEDESTAL: Colour = (0.30, 0.32, 0.35, 1)
 _FLOOR: Colour = (0.55, 0.57, 0.60, 1)
 _LINE: Colour = (0.16, 0.18, 0.22, 1)
+_WALL: Colour = (0.66, 0.70, 0.74, 1)
+_WALLS = (
+    ("wall_behind", (0.02, 6.0, 3.0), (-1.6, 0.0, 2.3)),
+    ("wall_beside", (6.0, 0.02, 3.0), (2.0, 2.2, 2.3)),
+)
 _LINE_HALF_M = 0.0015
 _FLOOR_M = 0.62
 """How far the floor lies below the table top, metres."""
@@ -41,7 +46,9 @@ def build_surroundings(scene: Any, layout: Layout, base_drop_m: float) -> None:
     _slab(scene, "pedestal", [0.11, 0.11, tall], [-0.02, 0, -base_drop_m - tall], _PEDESTAL)
     if not scene.can_render():
         return
-    _slab(scene, "floor", [2.5, 2.5, 0.02], [0.5, 0, -_FLOOR_M - 0.02], _FLOOR, solid=False)
+    _slab(scene, "floor", [6.0, 6.0, 0.02], [2.0, 0, -_FLOOR_M - 0.02], _FLOOR, solid=False)
+    for name, size, where in _WALLS:
+        _slab(scene, name, size, where, _WALL, solid=False)
     for index, (x, y) in enumerate((x, y) for x in (x0 + 0.03, x1 - 0.03) for y in (-across + 0.03, across - 0.03)):
         leg = (_FLOOR_M - 0.04) / 2
         _slab(scene, f"leg{index}", [0.02, 0.02, leg], [x, y, -0.04 - leg], _LEG, solid=False)
@@ -55,15 +62,15 @@ def build_object(scene: Any, body: Body, index: int, density_kg_m3: float) -> An
     half_height = body.height_m / 2
     if body.shape == "cylinder":
         along_z = sapien.Pose(q=[math.sqrt(0.5), 0, math.sqrt(0.5), 0])  # SAPIEN's cylinders lie along x
-        size = {"radius": body.half_width_m, "half_length": half_height}
-        builder.add_cylinder_collision(along_z, density=density_kg_m3, **size)
+        can = {"radius": body.half_width_m, "half_length": half_height}
+        builder.add_cylinder_collision(along_z, density=density_kg_m3, **can)
         if material is not None:
-            builder.add_cylinder_visual(along_z, material=material, **size)
+            builder.add_cylinder_visual(along_z, material=material, **can)
     else:
-        size = {"half_size": [body.half_width_m, body.half_width_m, half_height]}
-        builder.add_box_collision(density=density_kg_m3, **size)
+        half_size = [body.half_width_m, body.half_width_m, half_height]
+        builder.add_box_collision(half_size=half_size, density=density_kg_m3)
         if material is not None:
-            builder.add_box_visual(material=material, **size)
+            builder.add_box_visual(half_size=half_size, material=material)
     builder.initial_pose = sapien.Pose(p=[1.5 + 0.2 * index, 1.5, half_height])
     return builder.build(name="target" if index == 0 else f"obstacle{index}")
 

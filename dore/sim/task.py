@@ -100,11 +100,11 @@ class DoreTabletopEnv(BaseEnv):
         super()._load_agent(options, sapien.Pose(p=[0, 0, -self.arm.base_drop_m]))
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
-        self.scene.set_ambient_light([0.45, 0.45, 0.45])
+        self.scene.set_ambient_light([0.35, 0.35, 0.36])
         self.scene.add_directional_light(
-            [-0.5, 0.45, -1.0], [1.4, 1.35, 1.25], shadow=self.enable_shadow, shadow_scale=2.0, shadow_map_size=2048
+            [-0.6, 0.12, -1.0], [1.4, 1.35, 1.3], shadow=self.enable_shadow, shadow_scale=2.0, shadow_map_size=2048
         )
-        self.scene.add_directional_light([-0.3, -0.8, -0.6], [0.35, 0.38, 0.45])
+        self.scene.add_directional_light([-0.4, 0.8, -0.5], [0.4, 0.42, 0.46])
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         build_surroundings(self.scene, self.layout, self.arm.base_drop_m)
@@ -130,7 +130,9 @@ class DoreTabletopEnv(BaseEnv):
             cells = self._batched_episode_rng[env].permutation(self.layout.n_cells)[: len(self.bodies)]
         wrong = len(cells) != len(self.bodies) or len(set(map(int, cells))) != len(cells)
         if wrong or not all(0 <= int(cell) < self.layout.n_cells for cell in cells):
-            raise InputError(f"cells: got {list(map(int, cells))}, want {len(self.bodies)} different cells of the layout")
+            raise InputError(
+                f"cells: got {list(map(int, cells))}, want {len(self.bodies)} different cells of the layout"
+            )
         return np.asarray(cells, dtype=np.int64)
 
     def positions(self) -> Tensor:

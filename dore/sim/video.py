@@ -16,18 +16,21 @@ class Video:
     Args:
         env: anything with ManiSkill's `render()`.
         path: the mp4.
-        frames_per_s: of the film; it plays in simulated time.
+        frames_per_s: of the film.
+        playback_speed: how many simulated seconds pass in one second of film.
         step_s: simulated seconds of one control step.
         on: False films nothing, where nothing can render.
     """
 
-    def __init__(self, env: Any, path: Path, frames_per_s: float, step_s: float, on: bool) -> None:
+    def __init__(
+        self, env: Any, path: Path, frames_per_s: float, playback_speed: float, step_s: float, on: bool
+    ) -> None:
         self._env, self._path, self._on = env, path, on
-        self._every = max(1, round(1.0 / (frames_per_s * step_s)))
-        self._rate = 1.0 / (self._every * step_s)
+        self._every = max(1, round(playback_speed / (frames_per_s * step_s)))
+        self._rate = playback_speed / (self._every * step_s)
         self._partial = path.with_name(f".{path.stem}.{os.getpid()}.part.mp4")
         self._steps = 0
-        self.written: str | None = None
+        self.written = False
 
     def __enter__(self) -> Video:
         if self._on:
@@ -48,6 +51,6 @@ class Video:
         self._writer.close()
         if kind is None:
             os.replace(self._partial, self._path)
-            self.written = str(self._path)
+            self.written = True
         else:
             self._partial.unlink(missing_ok=True)

@@ -1,0 +1,176 @@
+"""Whole executions in the simulator: done, refused, or a fault that is seen; never a false success."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import sapien
+
+from dore.errors import InputError
+from dore.layout import Layout
+from dore.plan import Move, Plan, PlanFile, Scene, Status, replay
+from dore.reach import Reach
+from dore.sim.arm import render_backend
+from dore.sim.config import ArmConfig, CameraConfig, ObjectConfig
+from dore.sim.execute import REPORT_NAME, VIDEO_NAME, execute, rehearse
+from dore.sim.motion import Operator
+from dore.sim.outcome import Outcome
+from dore.sim.rehearsal import Refused
+
+pytestmark = pytest.mark.sim
+
+LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
+REACH = Reach(LAYOUT, clearance_m=0.10, half_fan_deg=30.0, n_sectors=61)
+FIG7 = Scene(LAYOUT, obstacles=(15, 2, 8, 6, 12, 0), target=14)
+ARM = ArmConfig()
+
+
+def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
+    return PlanFile(scene, REACH, Plan(Status.SOLVED, moves, target_direction_deg, "test", 0.0))
+
+
+FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def fig7(tmp_path_factory) -> dict[str, Any]:
+    """The paper's Fig. 7 plan, carried out in state mode: its report as the file holds it."""
+    folder = tmp_path_factory.mktemp("fig7")
+    execute(FIG7_PLAN, ARM, folder, video=False)
+    assert [file.name for file in folder.iterdir()] == [REPORT_NAME]
+    return json.loads((folder / REPORT_NAME).read_text())
+
+
+def test_fig7_ends_with_the_target_out_and_all_upright(fig7):
+    replay(FIG7_PLAN.scene, REACH, FIG7_PLAN.plan)
+    assert fig7["success"]
+    assert fig7["outcome"] == "done"
+    named = ("target_lifted", "target_out", "all_upright", "all_in_cell", "success")
+    assert fig7["conditions"] == dict.fromkeys(named, True)
+
+
+def test_fig7_report_says_what_each_move_did(fig7):
+    assert [(m["pick"], m["place"]) for m in fig7["moves"]] == [(16, 18), (3, 12), (9, 17), (15, None)]
+    for move in fig7["moves"]:
+        assert move["outcome"] == "done"
+        assert move["others_moved_mm"] < 1.0
+        assert move["tilt_deg"] < 2.0
+        assert 2.0 < move["simulated_s"] < 30.0
+    assert all(move["placement_error_mm"] < 12.0 for move in fig7["moves"][:3])
+    assert fig7["pictures"] == "not asked for"
+
+
+def test_same_seed_same_execution(tmp_path):
+    one, two = (execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), ARM, tmp_path / n, video=False, seed=5) for n in "ab")
+    assert one.success
+    for report in (one, two):
+        report.wall_s = report.rehearsal_s = 0.0
+        report.moves = [replace(move, wall_s=0.0) for move in report.moves]
+    assert one == two
+
+
+def test_a_lane_through_an_object_is_refused_before_anything_moves(tmp_path):
+    report = execute(plan_of(), ARM, tmp_path, video=False)
+    assert report.refused
+    assert not report.success
+    assert report.outcome is Outcome.BLOCKED
+    assert report.message.startswith("refused: target (15): approach: the ")
+    assert report.message.endswith("would touch the object on cell 3")
+    assert report.moves == []
+    assert json.loads((tmp_path / REPORT_NAME).read_text())["outcome"] == "blocked"
+
+
+def test_a_carried_object_that_would_touch_another_is_refused():
+    scene = Scene(LAYOUT, obstacles=(2, 9), target=17)
+    with pytest.raises(
+        Refused, match=r"move 1 \(3 to 15\): insert: the .* would touch the object on cell 10"
+    ) as caught:
+        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), ARM, ObjectConfig().draw(3, np.random.default_rng(0)))
+    assert caught.value.outcome is Outcome.BLOCKED
+
+
+def test_what_the_arm_cannot_reach_is_refused():
+    far = Layout.grid(3, 6, 0.12, 0.90)
+    bodies = ObjectConfig().draw(1, np.random.default_rng(0))
+    with pytest.raises(Refused, match=r"target \(15\)") as caught:
+        rehearse(plan_of(scene=Scene(far, (), 14)), ARM, bodies)
+    assert caught.value.outcome is Outcome.OUT_OF_REACH
+    with pytest.raises(Refused, match="heads 8"):
+        rehearse(plan_of(scene=Scene(LAYOUT, (), 0), target_direction_deg=55.0), ARM, bodies)
+
+
+def test_an_unsolved_plan_is_bad_input(tmp_path):
+    plan = Plan(Status.GAVE_UP, (), None, "test", 0.0)
+    with pytest.raises(InputError, match=r"plan\.status"):
+        execute(PlanFile(FIG7, REACH, plan), ARM, tmp_path / "none", video=False)
+    assert not (tmp_path / "none").exists()
+
+
+def _operator(scene: Scene, bodies: tuple[Any, ...]) -> tuple[Any, Operator]:
+    env = gym.make(
+        "DoreTabletop-v1", layout=LAYOUT, bodies=bodies, arm=ARM, obs_mode="none", reward_mode="none",
+        control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend="none",
+    )  # fmt: skip
+    env.reset(seed=0, options={"cells": [scene.target, *scene.obstacles]})
+    return env, Operator(env, lambda: None)
+
+
+@pytest.mark.parametrize(
+    ("moved", "to", "outcome"),
+    [
+        (1, [0.56, 0.30, 0.076], Outcome.MISSED_GRASP),  # not where the plan says it is
+        (0, [0.45, 0.06, 0.076], Outcome.TOPPLED),  # over the edge of the table, in the arm's way
+    ],
+)
+def test_a_world_unlike_the_plan_is_a_named_fault(moved, to, outcome):
+    scene = Scene(LAYOUT, obstacles=(2,), target=12)
+    bodies = ObjectConfig().draw(2, np.random.default_rng(0))
+    (move, _) = rehearse(plan_of(Move(2, 8, 0.0, 0.0), scene=scene), ARM, bodies)
+    env, operator = _operator(scene, bodies)
+    env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to))
+    assert operator.run(move) is outcome
+    env.close()
+
+
+def test_the_task_is_made_by_gymnasium_and_observes_its_state():
+    env = gym.make("DoreTabletop-v1", obs_mode="state_dict", sim_backend="physx_cpu", render_backend="none")
+    observed, _ = env.reset(seed=3)
+    assert observed["extra"]["object_poses"].shape == (1, 7 * 7)
+    again, _ = env.reset(seed=3)
+    assert (observed["extra"]["object_poses"] == again["extra"]["object_poses"]).all()
+    _, reward, terminated, _, info = env.step(env.action_space.sample() * 0)
+    assert not info["success"].any()
+    assert not terminated.any()
+    assert float(reward) == 0.0
+    with pytest.raises(InputError, match="different cells"):
+        env.reset(options={"cells": [0] * 7})
+    env.close()
+
+
+def test_irregular_layouts_and_too_many_objects():
+    layout = Layout(((0.55, 0.1), (0.66, -0.05)), 0.12)
+    bodies = ObjectConfig().draw(3, np.random.default_rng(0))
+    settings: dict[str, Any] = {"layout": layout, "obs_mode": "none", "render_backend": "none"}
+    env = gym.make("DoreTabletop-v1", bodies=bodies[:2], **settings)
+    env.reset(options={"cells": [1, 0]})
+    assert np.allclose(env.unwrapped.positions()[0, :, :2], [[0.66, -0.05], [0.55, 0.1]], atol=1e-3)
+    env.close()
+    with pytest.raises(InputError, match="3 objects"):
+        gym.make("DoreTabletop-v1", bodies=bodies, **settings)
+
+
+def test_a_film_is_made_where_vulkan_is(tmp_path: Path):
+    if render_backend() == "none":
+        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
+    camera = CameraConfig(width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), ARM, tmp_path, video=True, camera=camera)
+    assert report.success
+    assert report.video == VIDEO_NAME
+    assert sorted(file.name for file in tmp_path.iterdir()) == [REPORT_NAME, VIDEO_NAME]
+    assert (tmp_path / VIDEO_NAME).stat().st_size > 1000
