@@ -49,7 +49,8 @@ class LegalMoves(NamedTuple):
     pick: Tensor
     """Bool[B, G]: obstacles that can be picked and then placed somewhere."""
     place: Tensor
-    """Bool[B, G]: cells open to every legal pick; where there is none, those open to some pick."""
+    """Bool[B, G]: cells open before the lift, and so to every legal pick; on boards without one, the cells that
+    some lift opens. Means nothing on a board without a legal pick."""
     solved: Tensor
     """Bool[B]: the target is accessible."""
 
