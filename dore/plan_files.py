@@ -87,7 +87,7 @@ def _read(path: str | os.PathLike[str], formats: tuple[str, ...]) -> dict[str, A
         data = json.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as JSON ({error})") from None
     if not isinstance(data, dict) or data.get("format") not in formats:
         got = data.get("format") if isinstance(data, dict) else type(data).__name__
