@@ -33,6 +33,7 @@ def render_backend() -> str:
 
     SAPIEN can only be asked by trying: its own `can_render` answers no where lavapipe works.
     """
+    sapien.render.set_log_level("off")  # what it would print is said in one line by whoever asked
     for name, device in (("gpu", "cuda"), ("cpu", "cpu")):
         try:
             sapien.render.RenderSystem(sapien.Device(device))
