@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from drawings import wide_hand
 
 from dore.errors import InputError
 from dore.evaluation import Timing, evaluate, read_rows, write_rows
@@ -14,6 +13,7 @@ from dore.instances import InstanceSet
 from dore.plan import Plan, PlanError, Status
 from dore.planners.straight_line import StraightLine
 from dore.sampling import Batch, Difficulty
+from tests.drawings import wide_hand
 
 REACH = wide_hand(4, 5)
 INSTANCES = InstanceSet.generate(REACH, 25, Difficulty(3, 8), "test", seed=0)

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from drawings import PUBLISHED, wide_hand
 from safetensors.torch import save_file
 
 from dore.board import count, pack, unpack
@@ -17,6 +16,7 @@ from dore.reach import Reach
 from dore.rules import has_move, retrievable
 from dore.sampling import Difficulty, FreshInstances
 from dore.splits import SPLITS, split_share
+from tests.drawings import PUBLISHED, wide_hand
 
 REACH = wide_hand(4, 5)
 SOME = Difficulty(3, 7)

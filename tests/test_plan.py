@@ -6,7 +6,6 @@ import dataclasses
 
 import pytest
 import torch
-from drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
 
 from dore.board import bit, pack, unpack
 from dore.errors import InputError
@@ -14,6 +13,7 @@ from dore.layout import Layout
 from dore.plan import Move, Plan, PlanError, Scene, Status, replay
 from dore.reach import Reach
 from dore.rules import Failure, lift, retrievable, transition
+from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
 
 # The paper's Fig. 7: obstacles 16, 3, 9, 7, 13, 1, target 15; 16 to 18, 3 to 12, 9 to 17 (ids).
 FIG_7 = Scene(Layout.grid(3, 6, 0.12), (15, 2, 8, 6, 12, 0), 14)

@@ -10,8 +10,6 @@ from typing import Any
 
 import pytest
 import torch
-from drawings import PUBLISHED
-from test_plan import FIG_7, FIG_7_PLAN, REACH
 
 from dore import plan_files
 from dore.errors import InputError, atomic_write
@@ -19,6 +17,8 @@ from dore.layout import Layout
 from dore.plan import Plan, PlanError, PlanFile, Scene, Status
 from dore.plan_files import read_plan, read_scene, write_plan, write_scene
 from dore.reach import Reach
+from tests.drawings import PUBLISHED
+from tests.test_plan import FIG_7, FIG_7_PLAN, REACH
 
 FILE = PlanFile(FIG_7, REACH, FIG_7_PLAN)
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 import torch
-from drawings import PUBLISHED, WIDE_HAND, cells_of, grid, wide_hand
 
 from dore.board import pack
 from dore.errors import InputError
 from dore.layout import Layout
 from dore.reach import Reach
+from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, grid, wide_hand
 
 REFERENCE = json.loads((Path(__file__).parent / "data/vfh_reference.json").read_text())["cases"]
 
@@ -153,9 +153,10 @@ def test_batch_equals_rows_one_by_one(rows: int, cols: int) -> None:
 
 
 def test_a_cell_does_not_block_itself() -> None:
-    reach = wide_hand(4, 4)
     alone = torch.eye(16, dtype=torch.bool)
-    assert bool(reach.accessible(alone).diagonal().all())
+    assert bool(wide_hand(4, 4).accessible(alone).diagonal().all())
+    all_round = Reach(Layout.grid(4, 4, 0.12), 0.142, half_fan_deg=180.0, n_sectors=36)
+    assert bool(all_round.free_sectors(pack(alone), torch.arange(16)).all())
 
 
 def test_the_mirrored_board_is_mirrored() -> None:

@@ -6,7 +6,6 @@ import struct
 from pathlib import Path
 
 import pytest
-from drawings import scene_of
 
 from dore.curves import draw_learning_curve
 from dore.errors import InputError
@@ -16,6 +15,7 @@ from dore.plan import PlanError, Scene, Status
 from dore.planners.base import Draft, checked_plans
 from dore.reach import Reach
 from dore.render import CELL_INCH, DPI, draw_plan
+from tests.drawings import scene_of
 
 DRAWING = """
     . . T .

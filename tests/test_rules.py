@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 import torch
-from drawings import cells_of, grid, wide_hand
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
@@ -22,6 +21,7 @@ from dore.rules import (
     retrievable,
     transition,
 )
+from tests.drawings import cells_of, grid, wide_hand
 
 REACH = wide_hand(3, 4)
 G = REACH.n_cells

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import torch
 import yaml
-from drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
 
 from dore.errors import InputError
 from dore.instances import InstanceSet
@@ -18,6 +17,7 @@ from dore.planners.straight_line import GiveUp, StraightLine
 from dore.reach import Reach
 from dore.rules import retrievable
 from dore.sampling import Batch, Difficulty
+from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
 
 DEFAULTS = {"start_x_m": 0.0, "start_y_m": 0.0, "corridor_m": None, "avoid_corridors": False, "max_moves": 30}
 
