@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
+from torchrl.data import ReplayBuffer
 
 from dore import keys
 
@@ -30,3 +32,20 @@ def restore(sample: TensorDictBase) -> TensorDictBase:
         if key in sample.keys(include_nested=True):
             sample[key] = sample[key].long()
     return sample
+
+
+def buffer_state(buffer: ReplayBuffer) -> dict[str, Any]:
+    """The transitions a buffer holds, and where it writes next; its own state holds its empty places too."""
+    if not len(buffer):
+        return {"rows": {}, "writer": {}}
+    rows = buffer[:].flatten_keys(".")
+    return {"rows": dict(rows.items()), "writer": buffer.writer.state_dict()}
+
+
+def load_buffer(buffer: ReplayBuffer, state: dict[str, Any]) -> None:
+    """Fill an empty buffer as the one whose `buffer_state` this is."""
+    if not state["rows"]:
+        return
+    n = len(next(iter(state["rows"].values())))
+    buffer.extend(TensorDict(state["rows"], batch_size=[n]).unflatten_keys("."))
+    buffer.writer.load_state_dict(state["writer"])

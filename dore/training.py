@@ -12,7 +12,7 @@ from typing import Any
 import torch
 from tensordict import TensorDictBase
 from torch import nn
-from torchrl.data import TensorDictReplayBuffer
+from torchrl.data import ReplayBuffer
 from torchrl.objectives.utils import TargetNetUpdater
 
 from dore import keys
@@ -20,7 +20,7 @@ from dore.agents.common import Agent
 from dore.env import RearrangeEnv
 from dore.errors import number, whole
 from dore.performance import PerformanceTest, TestResult
-from dore.replay import compact, restore
+from dore.replay import buffer_state, compact, load_buffer, restore
 
 
 class Diverged(RuntimeError):
@@ -116,7 +116,7 @@ class Trainer:
         self,
         env: RearrangeEnv,
         agent: Agent,
-        buffer: TensorDictReplayBuffer,
+        buffer: ReplayBuffer,
         optimizer: torch.optim.Optimizer,
         targets: TargetNetUpdater,
         epsilon: LinearEpsilon,
@@ -203,7 +203,7 @@ class Trainer:
             "loss": self.agent.loss.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "targets": self.targets.state_dict(),
-            "buffer": self.buffer.state_dict(),
+            "buffer": buffer_state(self.buffer),
             "env": self.env.state_dict(),
             "ipt_generator": self.test.generator.get_state(),
             "rng": torch.get_rng_state(),
@@ -216,7 +216,7 @@ class Trainer:
         self.agent.loss.load_state_dict(state["loss"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.targets.load_state_dict(state["targets"])
-        self.buffer.load_state_dict(state["buffer"])
+        load_buffer(self.buffer, state["buffer"])
         self.env.load_state_dict(state["env"])
         self.test.generator.set_state(state["ipt_generator"].cpu())
         torch.set_rng_state(state["rng"].cpu())

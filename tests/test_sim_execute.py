@@ -21,7 +21,7 @@ from dore.sim.config import ArmConfig, CameraConfig, ObjectConfig
 from dore.sim.execute import REPORT_NAME, VIDEO_NAME, execute, rehearse
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
-from dore.sim.rehearsal import Refused
+from dore.sim.rehearsal import Refused, tasks_of
 
 pytestmark = pytest.mark.sim
 
@@ -62,7 +62,7 @@ def test_fig7_report_says_what_each_move_did(fig7):
         assert move["others_moved_mm"] < 1.0
         assert move["tilt_deg"] < 2.0
         assert 2.0 < move["simulated_s"] < 30.0
-    assert all(move["placement_error_mm"] < 12.0 for move in fig7["moves"][:3])
+    assert all(move["placement_error_mm"] < 3.0 for move in fig7["moves"][:3])
     assert fig7["pictures"] == "not asked for"
 
 
@@ -112,30 +112,47 @@ def test_an_unsolved_plan_is_bad_input(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def _operator(scene: Scene, bodies: tuple[Any, ...]) -> tuple[Any, Operator]:
+@pytest.mark.parametrize(
+    ("moved", "to", "after_steps", "outcome"),
+    [
+        (1, [0.56, 0.30, 0.076], 0, Outcome.WORLD_CHANGED),  # seen before the arm moves
+        (1, [0.56, 0.30, 0.076], 30, Outcome.MISSED_GRASP),  # taken away as the hand comes
+        (1, [0.56, 0.30, 0.076], 80, Outcome.DROPPED),  # taken out of the hand
+        (0, [0.80, 0.33, 0.076], 30, Outcome.PUSHED),  # another object shifted within its cell
+        (0, [0.895, 0.30, 0.03], 30, Outcome.TOPPLED),  # or laid down
+    ],
+)
+def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
+    scene = Scene(LAYOUT, obstacles=(2,), target=12)
+    plan, bodies = plan_of(Move(2, 8, 0.0, 0.0), scene=scene), ObjectConfig().draw(2, np.random.default_rng(0))
     env = gym.make(
         "DoreTabletop-v1", layout=LAYOUT, bodies=bodies, arm=ARM, obs_mode="none", reward_mode="none",
         control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend="none",
     )  # fmt: skip
-    env.reset(seed=0, options={"cells": [scene.target, *scene.obstacles]})
-    return env, Operator(env, lambda: None)
+    env.reset(seed=0, options={"cells": [12, 2]})
+    steps = 0
 
+    def disturb() -> None:
+        nonlocal steps
+        if steps == after_steps:
+            lying = [0.5**0.5, 0.5**0.5, 0, 0] if to[2] < 0.05 else [1, 0, 0, 0]
+            env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to, q=lying))
+        steps += 1
 
-@pytest.mark.parametrize(
-    ("moved", "to", "outcome"),
-    [
-        (1, [0.56, 0.30, 0.076], Outcome.MISSED_GRASP),  # not where the plan says it is
-        (0, [0.45, 0.06, 0.076], Outcome.TOPPLED),  # over the edge of the table, in the arm's way
-    ],
-)
-def test_a_world_unlike_the_plan_is_a_named_fault(moved, to, outcome):
-    scene = Scene(LAYOUT, obstacles=(2,), target=12)
-    bodies = ObjectConfig().draw(2, np.random.default_rng(0))
-    (move, _) = rehearse(plan_of(Move(2, 8, 0.0, 0.0), scene=scene), ARM, bodies)
-    env, operator = _operator(scene, bodies)
-    env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to))
-    assert operator.run(move) is outcome
+    if after_steps == 0:
+        disturb()
+    rehearsal = rehearse(plan, ARM, bodies)
+    rehearsal.begin(scene)
+    assert Operator(env, rehearsal, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
     env.close()
+
+
+def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
+    """The jaws turn it by 34 degrees and shift it; the arm sees that and makes up for it."""
+    plan = plan_of(Move(14, 16, 30.0, 0.0), Move(16, 14, -20.0, 30.0), scene=Scene(LAYOUT, (14,), 0))
+    report = execute(plan, ARM, tmp_path, video=False, objects=ObjectConfig(shapes="cuboid"))
+    assert report.success
+    assert max(move.placement_error_mm or 0.0 for move in report.moves) < 3.0
 
 
 def test_the_task_is_made_by_gymnasium_and_observes_its_state():

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from dore.sim.config import Body
+from dore.sim.description import TOOL_LINK
 from dore.sim.frames import Array, hand_pose
 from dore.sim.kinematics import ArmKinematics
 
@@ -56,6 +57,7 @@ class CollisionChecker:
         self._kin, self._bodies = kinematics, tuple(bodies)
         self._drop = kinematics.arm.base_drop_m
         self._model, self._scene = kinematics.model, kinematics.geometry.copy()
+        self._tool = self._model.getFrameId(TOOL_LINK)
         self._robot = list(range(self._scene.ngeoms))
         for item in self._scene.geometryObjects:
             if isinstance(item.geometry, coal.BVHModelBase):
@@ -75,7 +77,7 @@ class CollisionChecker:
         """What the arm meets first on a joint path Float64[N, 7], or None: the path is free.
 
         standing: where each object on the table stands.
-        held: the object in the hand, upright, as grasped at grasp height.
+        held: the object in the hand, upright, where `grasp` last said.
         reached_for: the object between the open fingers, which may come close but not touch.
         """
         self._place(standing)
@@ -88,17 +90,24 @@ class CollisionChecker:
     def _fixed(self, name: str, shape: coal.CollisionGeometry, where: pin.SE3) -> int:
         return self._scene.addGeometryObject(pin.GeometryObject(name, 0, 0, where, shape))
 
+    def grasp(self, index: int, along_m: float, across_m: float) -> None:
+        """Where an object's axis is in the hand: along the heading from the tool point, and to its left; metres."""
+        self._scene.geometryObjects[self._carried[index]].placement = self._in_hand(index, along_m, across_m)
+
     def _held(self, index: int, body: Body) -> int:
-        """The body in the hand: upright under the tool frame, its bottom a little raised off the table it leaves."""
-        arm = self._kin.arm
-        frame = self._model.frames[self._model.getFrameId("panda_hand_tcp")]
-        tool = pin.SE3(hand_pose(np.array([0.0, 0.0, arm.grasp_height_m]), 0.0, arm.tilt_rad))
-        upright = pin.SE3(np.eye(3), np.array([0.0, 0.0, (body.height_m + _BOTTOM_GAP_M) / 2]))
+        """The body in the hand, upright."""
         shape = _solid(Body(body.shape, body.half_width_m, body.height_m - _BOTTOM_GAP_M))
-        placement = frame.placement * tool.actInv(upright)
-        return self._scene.addGeometryObject(
-            pin.GeometryObject(f"carried{index}", frame.parentJoint, frame.parentJoint, placement, shape)
-        )
+        joint = self._model.frames[self._tool].parentJoint
+        placement = self._in_hand(index, 0.0, 0.0)
+        return self._scene.addGeometryObject(pin.GeometryObject(f"carried{index}", joint, joint, placement, shape))
+
+    def _in_hand(self, index: int, along_m: float, across_m: float) -> pin.SE3:
+        """Pose of a held body in the last joint's frame; its bottom a little raised off the table that it leaves."""
+        arm = self._kin.arm
+        tool = pin.SE3(hand_pose(np.array([0.0, 0.0, arm.grasp_height_m]), 0.0, arm.tilt_rad))
+        height = (self._bodies[index].height_m + _BOTTOM_GAP_M) / 2
+        upright = pin.SE3(np.eye(3), np.array([along_m, across_m, height]))
+        return self._model.frames[self._tool].placement * tool.actInv(upright)
 
     def _pair_up(self) -> None:
         """All pairs that may ever be asked about; `_activate` chooses among them."""

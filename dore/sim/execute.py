@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,13 +14,13 @@ import numpy as np
 from dore.errors import InputError
 from dore.plan import PlanFile, Status, cell_id
 from dore.sim.arm import render_backend
-from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker, Standing
+from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker
 from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig
 from dore.sim.description import arm_files
-from dore.sim.kinematics import ArmKinematics, Unreachable
+from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
-from dore.sim.rehearsal import Refused, Rehearsal, RehearsedMove
+from dore.sim.rehearsal import MoveTask, Refused, Rehearsal, tasks_of
 from dore.sim.report import ExecutionReport, MoveReport
 from dore.sim.video import Video
 
@@ -64,23 +65,34 @@ def execute(
     objects = objects or ObjectConfig()
     bodies = objects.draw(1 + len(plan_file.scene.obstacles), np.random.default_rng(seed))
     report = _blank(plan_file, arm, bodies, seed)
+    tasks = tasks_of(plan_file.scene, plan_file.plan)
     try:
-        moves = rehearse(plan_file, arm, bodies)
+        rehearsal = rehearse(plan_file, arm, bodies)
     except Refused as refusal:
         report.outcome, report.message, report.refused = refusal.outcome, f"refused: {refusal}", True
     else:
         report.rehearsal_s = round(time.perf_counter() - started, 3)
-        _perform(plan_file, arm, objects, camera or CameraConfig(), bodies, moves, report, out_dir, video)
+        rehearsal.begin(plan_file.scene)
+        backend = render_backend() if video else "none"
+        report.pictures = "not asked for" if not video else NO_PICTURES if backend == "none" else VIDEO_NAME
+        env = _environment(plan_file, arm, bodies, objects, camera or CameraConfig(), backend)
+        try:
+            _perform(env, rehearsal, plan_file, tasks, report, out_dir)
+        finally:
+            env.close()
     report.finished = True
     report.wall_s = round(time.perf_counter() - started, 3)
     report.write(out_dir / REPORT_NAME)
     return report
 
 
-def rehearse(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...]) -> tuple[RehearsedMove, ...]:
-    """The plan as joint commands, checked against reach and collisions; the bodies stand in their cells' centres.
+def rehearse(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...]) -> Rehearsal:
+    """The whole plan in kinematics: every motion within reach, and nothing touched.
 
-    bodies: the target first, then one for each obstacle of the scene.
+    bodies: the target first, then one for each obstacle of the scene; they stand in their cells' centres.
+
+    Returns:
+        The rehearsal after the last move.
 
     Raises:
         Refused: naming the move, the reason and what is in the way.
@@ -88,12 +100,10 @@ def rehearse(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...]) -> t
     scene, layout = plan_file.scene, plan_file.scene.layout
     kinematics = ArmKinematics(arm_files(visuals=False), arm)
     checker = CollisionChecker(kinematics, bodies, layout.front_m - TABLE_OVERHANG_M)
-    standing = {i: Standing(layout.cells[cell]) for i, cell in enumerate((scene.target, *scene.obstacles))}
-    try:
-        rehearsal = Rehearsal(layout, kinematics, checker, bodies, standing, _CONTROL_S)
-    except Unreachable as error:
-        raise Refused(Outcome.OUT_OF_REACH, "start", str(error)) from None
-    return rehearsal.play(scene, plan_file.plan)
+    rehearsal = Rehearsal(layout, kinematics, checker, _CONTROL_S)
+    rehearsal.begin(scene)
+    rehearsal.play(tasks_of(scene, plan_file.plan))
+    return rehearsal
 
 
 def _blank(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...], seed: int) -> ExecutionReport:
@@ -102,68 +112,63 @@ def _blank(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...], seed: 
     return ExecutionReport(Outcome.INCOMPLETE, "not finished", arm.name, seed, plan_file.plan.planner, listed)
 
 
-def _perform(
-    plan_file: PlanFile, arm: ArmConfig, objects: ObjectConfig, camera: CameraConfig, bodies: tuple[Body, ...],
-    moves: tuple[RehearsedMove, ...], report: ExecutionReport, out_dir: Path, video: bool,
-) -> None:  # fmt: skip
-    backend = render_backend() if video else "none"
-    report.pictures = "not asked for" if not video else NO_PICTURES if backend == "none" else VIDEO_NAME
-    env = gym.make(
+def _environment(
+    plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...], objects: ObjectConfig, camera: CameraConfig,
+    backend: str,
+) -> Any:  # fmt: skip
+    return gym.make(
         "DoreTabletop-v1", layout=plan_file.scene.layout, bodies=bodies, arm=arm, camera=camera,
         density_kg_m3=objects.density_kg_m3, obs_mode="none", reward_mode="none", control_mode="pd_joint_pos",
         sim_backend="physx_cpu", render_backend=backend, enable_shadow=camera.shadows,
         render_mode=None if backend == "none" else "rgb_array",
     )  # fmt: skip
-    try:
-        report.write(out_dir / REPORT_NAME)  # an interrupted execution leaves a report that says so
-        env.reset(seed=report.seed, options={"cells": [plan_file.scene.target, *plan_file.scene.obstacles]})
-        with _video(env, out_dir, camera, backend != "none") as film:
-            operator = Operator(env, film.after_step)
-            _run_moves(operator, plan_file, moves, report, out_dir)
-            operator.hold(_LAST_LOOK_STEPS)
-            _conclude(operator, report)
-        report.video = VIDEO_NAME if film.written else None
-    finally:
-        env.close()
 
 
-def _video(env: Any, out_dir: Path, camera: CameraConfig, on: bool) -> Video:
-    return Video(env, out_dir / VIDEO_NAME, camera.frames_per_s, camera.playback_speed, _CONTROL_S, on)
+def _perform(
+    env: Any, rehearsal: Rehearsal, plan_file: PlanFile, tasks: Sequence[MoveTask], report: ExecutionReport,
+    out_dir: Path,
+) -> None:  # fmt: skip
+    """Run the moves until one does not end well; the report is rewritten after each."""
+    report.write(out_dir / REPORT_NAME)  # an interrupted execution leaves a report that says so
+    env.reset(seed=report.seed, options={"cells": [plan_file.scene.target, *plan_file.scene.obstacles]})
+    with Video(env, out_dir / VIDEO_NAME, _CONTROL_S, report.pictures == VIDEO_NAME) as film:
+        operator = Operator(env, rehearsal, film.after_step)
+        report.outcome = Outcome.DONE
+        for task in tasks:
+            _run_move(operator, plan_file, task, report)
+            report.write(out_dir / REPORT_NAME)
+            if report.outcome is not Outcome.DONE:
+                break
+        operator.hold(_LAST_LOOK_STEPS)
+        _conclude(operator, report)
+    report.video = VIDEO_NAME if film.written else None
 
 
-def _run_moves(
-    operator: Operator, plan_file: PlanFile, moves: tuple[RehearsedMove, ...], report: ExecutionReport, out_dir: Path
-) -> None:
-    report.outcome = Outcome.DONE
-    for move in moves:
-        report.moves.append(_timed_move(operator, plan_file, move))
-        report.outcome = report.moves[-1].outcome
-        report.message = f"{move.name}: {report.outcome}"
-        report.simulated_s = round(operator.simulated_s, 3)
-        report.write(out_dir / REPORT_NAME)
-        if report.outcome is not Outcome.DONE:
-            return
-
-
-def _timed_move(operator: Operator, plan_file: PlanFile, move: RehearsedMove) -> MoveReport:
+def _run_move(operator: Operator, plan_file: PlanFile, task: MoveTask, report: ExecutionReport) -> None:
     wall, simulated, before = time.perf_counter(), operator.simulated_s, operator.positions()
-    outcome = operator.run(move)
+    try:
+        report.outcome = operator.run(task)
+        report.message = f"{task.name}: {report.outcome}"
+    except Refused as refusal:
+        report.outcome, report.message = refusal.outcome, f"stopped: {refusal}"
     after, error = operator.positions(), None
-    if move.place_cell is not None:
-        goal = plan_file.scene.layout.cells[move.place_cell]
-        error = round(1e3 * float(np.linalg.norm(after[move.body, :2] - goal)), 2)
-    others = np.delete(np.linalg.norm(after - before, axis=1), move.body)
-    return MoveReport(
-        name=move.name,
-        pick=cell_id(move.pick_cell),
-        place=None if move.place_cell is None else cell_id(move.place_cell),
-        outcome=outcome,
+    if task.place_cell is not None:
+        goal = plan_file.scene.layout.cells[task.place_cell]
+        error = round(1e3 * float(np.linalg.norm(after[task.body, :2] - goal)), 2)
+    others = np.delete(np.linalg.norm(after - before, axis=1), task.body)
+    done = MoveReport(
+        name=task.name,
+        pick=cell_id(task.pick_cell),
+        place=None if task.place_cell is None else cell_id(task.place_cell),
+        outcome=report.outcome,
         placement_error_mm=error,
         others_moved_mm=round(1e3 * float(others.max(initial=0.0)), 2),
-        tilt_deg=round(float(operator.leaning_deg()[move.body]), 2),
+        tilt_deg=round(float(operator.leaning_deg()[task.body]), 2),
         simulated_s=round(operator.simulated_s - simulated, 3),
         wall_s=round(time.perf_counter() - wall, 3),
     )
+    report.moves.append(done)
+    report.simulated_s = round(operator.simulated_s, 3)
 
 
 def _conclude(operator: Operator, report: ExecutionReport) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
 
+from dore.sim.collision import Standing
 from dore.sim.frames import Array, inside
 from dore.sim.outcome import Outcome
-from dore.sim.rehearsal import RehearsedMove
+from dore.sim.rehearsal import Motions, MoveTask, Rehearsal
 from dore.sim.task import UPRIGHT_DEG, DoreTabletopEnv
 
 _OPEN, _CLOSED = 1.0, -1.0
@@ -26,11 +28,12 @@ class Operator:
 
     Args:
         env: a `DoreTabletop-v1` made with `control_mode="pd_joint_pos"`, as gymnasium returns it, after a reset.
+        rehearsal: begun; it works out each motion from what is seen before it.
         after_step: called after every control step (the video's camera).
     """
 
-    def __init__(self, env: Any, after_step: Callable[[], None]) -> None:
-        self._env, self._after_step = env, after_step
+    def __init__(self, env: Any, rehearsal: Rehearsal, after_step: Callable[[], None]) -> None:
+        self._env, self._rehearsal, self._after_step = env, rehearsal, after_step
         self._task: DoreTabletopEnv = env.unwrapped
         self._gripper = _OPEN
         self._joints: Array = self._task.agent.robot.get_qpos()[0, :7].double().cpu().numpy()
@@ -58,56 +61,82 @@ class Operator:
         for _ in range(steps):
             self._command(self._joints)
 
-    def pick(self, move: RehearsedMove) -> Outcome:
-        """Reach, grasp and lift. MISSED_GRASP: what the move names is not between the fingers."""
-        for motion in ("reach", "approach"):
-            self._follow(move.motions[motion])
-        self._gripper = _CLOSED
-        self.hold(_GRIP_STEPS)
-        self._follow(move.motions["lift"])
-        return Outcome.DONE if self._holds(move.body) else Outcome.MISSED_GRASP
+    def run(self, task: MoveTask) -> Outcome:
+        """The whole move, up to the first motion that does not end well; then a look at all other objects.
 
-    def carry(self, move: RehearsedMove) -> Outcome:
-        """Withdraw from the grid and, where the object is to be put down, go before its lane. DROPPED: lost."""
-        for motion in ("withdraw", "carry"):
-            if motion in move.motions:
-                self._follow(move.motions[motion])
-                if not self._holds(move.body):
-                    return Outcome.DROPPED
+        Raises:
+            Refused: from what is now seen, the rest of the move cannot be carried out; the arm stays where it is.
+        """
+        outcome, before = self.look(), self.positions()
+        if outcome is Outcome.DONE:
+            outcome = self.pick(task, self._rehearsal.pick_up(task))
+        if outcome is Outcome.DONE and task.place_cell is not None:
+            x, y = self.positions()[task.body, :2]
+            motions = self._rehearsal.put_down(task, (float(x), float(y)))
+            for motion in (self.carry, self.place, self.retreat):
+                outcome = motion(task, motions)
+                if outcome is not Outcome.DONE:
+                    break
+        return self._others(task, before) if outcome is Outcome.DONE else outcome
+
+    def look(self) -> Outcome:
+        """Tell the rehearsal where each object stands. TOPPLED, WORLD_CHANGED: one does not stand where it should."""
+        at, layout = self.positions(), self._task.layout
+        if (self.leaning_deg() > UPRIGHT_DEG).any():
+            return Outcome.TOPPLED
+        for body, cell in self._rehearsal.cell_of.items():
+            if not inside(layout.centres.numpy(), layout.cell_m, at[body, :2])[cell]:
+                return Outcome.WORLD_CHANGED
+            forward = self._task.objects[body].pose.to_transformation_matrix()[0, :2, 0].tolist()
+            yaw = math.atan2(forward[1], forward[0])
+            self._rehearsal.standing[body] = Standing((float(at[body, 0]), float(at[body, 1])), yaw)
         return Outcome.DONE
 
-    def place(self, move: RehearsedMove) -> Outcome:
+    def pick(self, task: MoveTask, motions: Motions) -> Outcome:
+        """Reach, grasp, lift and withdraw from the grid.
+
+        MISSED_GRASP: the object is not between the fingers. DROPPED: it was, and is no longer.
+        """
+        for motion in ("reach", "approach"):
+            self._follow(motions[motion])
+        self._gripper = _CLOSED
+        self.hold(_GRIP_STEPS)
+        self._follow(motions["lift"])
+        if not self._holds(task.body):
+            return Outcome.MISSED_GRASP
+        self._follow(motions["withdraw"])
+        return self._still_held(task)
+
+    def carry(self, task: MoveTask, motions: Motions) -> Outcome:
+        """Go before the lane of the cell where the object is to be put down. DROPPED: lost on the way."""
+        self._follow(motions["carry"])
+        return self._still_held(task)
+
+    def place(self, task: MoveTask, motions: Motions) -> Outcome:
         """Bring the object into its cell, lower it and let go. DROPPED: lost on the way in."""
-        self._follow(move.motions["insert"])
-        if not self._holds(move.body):
+        self._follow(motions["insert"])
+        if not self._holds(task.body):
             return Outcome.DROPPED
-        self._follow(move.motions["lower"])
+        self._follow(motions["lower"])
         self._gripper = _OPEN
         self.hold(_RELEASE_STEPS)
         return Outcome.DONE
 
-    def retreat(self, move: RehearsedMove) -> Outcome:
+    def retreat(self, task: MoveTask, motions: Motions) -> Outcome:
         """Leave the grid. MISPLACED or TOPPLED: the object put down does not stand in its cell, or not upright."""
-        self._follow(move.motions["leave"])
-        if self.leaning_deg()[move.body] > UPRIGHT_DEG:
+        self._follow(motions["leave"])
+        if self.leaning_deg()[task.body] > UPRIGHT_DEG:
             return Outcome.TOPPLED
         layout = self._task.layout
-        cells = inside(layout.centres.numpy(), layout.cell_m, self.positions()[move.body, :2])
-        return Outcome.DONE if move.place_cell is not None and cells[move.place_cell] else Outcome.MISPLACED
+        cells = inside(layout.centres.numpy(), layout.cell_m, self.positions()[task.body, :2])
+        return Outcome.DONE if task.place_cell is not None and cells[task.place_cell] else Outcome.MISPLACED
 
-    def run(self, move: RehearsedMove) -> Outcome:
-        """The whole move, up to the first motion that does not end well; then a look at all other objects."""
-        before = self.positions()
-        motions = [self.pick, self.carry] + ([self.place, self.retreat] if move.place_cell is not None else [])
-        for motion in motions:
-            outcome = motion(move)
-            if outcome is not Outcome.DONE:
-                return outcome
-        return self._others(move, before)
+    def _still_held(self, task: MoveTask) -> Outcome:
+        return Outcome.DONE if self._holds(task.body) else Outcome.DROPPED
 
-    def _others(self, move: RehearsedMove, before: Array) -> Outcome:
+    def _others(self, task: MoveTask, before: Array) -> Outcome:
         """TOPPLED or PUSHED where an object that was not to be moved has been."""
-        others = np.arange(len(before)) != move.body
+        others = np.arange(len(before)) != task.body
         if (self.leaning_deg()[others] > UPRIGHT_DEG).any():
             return Outcome.TOPPLED
         moved = np.linalg.norm(self.positions() - before, axis=1)[others]

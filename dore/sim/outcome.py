@@ -6,13 +6,15 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """Named ends. The first is the only good one; the next two are refusals: nothing was moved for them."""
+    """Named ends. The first is the only good one; the next two are refusals, by the rehearsal of what comes next."""
 
     DONE = "done"
     OUT_OF_REACH = "out_of_reach"
     """Refused: the arm cannot take a pose of a lane, on its branch and within its limits."""
     BLOCKED = "blocked"
     """Refused: the arm, or what it carries, would touch something."""
+    WORLD_CHANGED = "world_changed"
+    """Before a move, an object does not stand in the cell where the plan has it."""
     MISSED_GRASP = "missed_grasp"
     """The fingers closed and lifted, and the object is not between them."""
     DROPPED = "dropped"

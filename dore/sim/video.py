@@ -9,25 +9,24 @@ from typing import Any
 
 import imageio.v2 as imageio
 
+from dore.sim.config import CameraConfig
+
 
 class Video:
     """A context manager that films an environment.
 
     Args:
-        env: anything with ManiSkill's `render()`.
+        env: a `DoreTabletop-v1`; its camera says how often to look.
         path: the mp4.
-        frames_per_s: of the film.
-        playback_speed: how many simulated seconds pass in one second of film.
         step_s: simulated seconds of one control step.
         on: False films nothing, where nothing can render.
     """
 
-    def __init__(
-        self, env: Any, path: Path, frames_per_s: float, playback_speed: float, step_s: float, on: bool
-    ) -> None:
+    def __init__(self, env: Any, path: Path, step_s: float, on: bool) -> None:
         self._env, self._path, self._on = env, path, on
-        self._every = max(1, round(playback_speed / (frames_per_s * step_s)))
-        self._rate = playback_speed / (self._every * step_s)
+        camera: CameraConfig = env.unwrapped.camera
+        self._every = max(1, round(camera.playback_speed / (camera.frames_per_s * step_s)))
+        self._rate = camera.playback_speed / (self._every * step_s)
         self._partial = path.with_name(f".{path.stem}.{os.getpid()}.part.mp4")
         self._steps = 0
         self.written = False

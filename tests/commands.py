@@ -1,0 +1,45 @@
+"""Run a command in this process, as a shell would."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+from dore import cli
+
+TINY = (
+    "layout.rows=3",
+    "layout.cols=3",
+    "instances.min_obstacles=1",
+    "instances.max_obstacles=3",
+    "instances.validation_size=20",
+    "instances.test_size=20",
+    "env.num_envs=16",
+    "network.widths=[16]",
+    "buffer.storage.max_size=400",
+    "exploration.anneal_steps=300",
+    "training.batch_size=8",
+    "training.updates_per_step=2",
+    "training.learning_starts=32",
+    "training.max_episodes=150",
+    "ipt.n_batches=2",
+    "ipt.batch_size=20",
+    "ipt.every_episodes=40",
+    "ipt.target_success=1.0",
+    "log_every=1",
+    "logger=none",
+)
+"""Overrides that make a training run of a second or two."""
+
+
+def run(command: str, overrides: Sequence[str]) -> int:
+    """The exit code of `dore-<command> <overrides>`."""
+    GlobalHydra.instance().clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", [f"dore-{command}", *overrides])
+        with pytest.raises(SystemExit) as ended:
+            getattr(cli, command)()
+    return int(ended.value.code or 0)

@@ -1,0 +1,166 @@
+"""Algorithm 2: it learns, the same seed gives the same run, and a resumed run is the uninterrupted one."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import torch
+
+from dore import session
+from dore.checkpoint import load_checkpoint, load_model
+from dore.errors import InputError
+from dore.training import Budget, LinearEpsilon
+from tests.commands import TINY, run
+
+TIMES = ("seconds", "env_steps_per_s")
+
+
+def metrics(folder) -> list[dict[str, str]]:
+    """The rows of metrics.csv, without what a clock gave."""
+    with open(folder / "metrics.csv", encoding="utf-8") as file:
+        return [{k: v for k, v in row.items() if k not in TIMES} for row in csv.DictReader(file)]
+
+
+def same(a: object, b: object) -> bool:
+    """Whether two checkpoints' parts are equal, bit for bit."""
+    if isinstance(a, torch.Tensor):
+        return torch.equal(a, b)
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a if key not in TIMES)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    return a == b or (a != a and b != b)
+
+
+@pytest.mark.parametrize("agent", ["sequential", "single"])
+def test_same_seed_same_run_and_another_seed_another(tmp_path, agent):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        assert run("train", [*TINY, f"agent={agent}", f"seed={seed}", f"run_dir={tmp_path / name}"]) == 0
+    checkpoints = [load_checkpoint(tmp_path / name / "checkpoint.pt", "cpu") for name in "abc"]
+    assert same(checkpoints[0], checkpoints[1])
+    assert not same(checkpoints[0]["loss"], checkpoints[2]["loss"])
+    assert metrics(tmp_path / "a") == metrics(tmp_path / "b")
+
+
+@pytest.mark.parametrize("train_size", ["null", "30"])
+def test_stop_and_resume_equals_uninterrupted(tmp_path, train_size):
+    common = [*TINY, f"instances.train_size={train_size}"]
+    assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
+    assert run("train", [*common, f"run_dir={tmp_path / 'parts'}", "training.max_episodes=70"]) == 0
+    # The test that ends the short budget is the one thing the whole run does not do: undo its draws.
+    assert run("train", [f"resume={tmp_path / 'parts'}", "training.max_episodes=150"]) == 0
+    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt", "cpu") for name in ("whole", "parts"))
+    for name in ("loss", "optimizer", "targets", "buffer", "env", "rng"):
+        assert same(whole[name], parts[name]), name
+    losses = [[row["loss"] for row in metrics(tmp_path / name)] for name in ("whole", "parts")]
+    assert losses[0] == losses[1]
+
+
+def start(folder, *more: str) -> subprocess.Popen[bytes]:
+    """dore-train in a process of its own, once it has left a checkpoint."""
+    code = "from dore.cli import train; train()"
+    overrides = [*TINY, "training.max_episodes=1000000", "checkpoint_minutes=0.003", f"run_dir={folder}", *more]
+    process = subprocess.Popen([sys.executable, "-c", code, *overrides], stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 90
+    while not (folder / "checkpoint.pt").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return process
+
+
+def test_ctrl_c_leaves_a_checkpoint_and_says_how_to_go_on(tmp_path):
+    process = start(tmp_path / "run")
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    stopped_at = load_checkpoint(tmp_path / "run" / "checkpoint.pt", "cpu")["progress"]["iteration"]
+    assert int(metrics(tmp_path / "run")[-1]["iteration"]) == stopped_at
+    assert not (tmp_path / "run" / "done.json").exists()
+
+
+def test_kill_9_resumes_from_the_last_checkpoint(tmp_path):
+    folder = tmp_path / "run"
+    process = start(folder)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait(60)
+    progress = load_checkpoint(folder / "checkpoint.pt", "cpu")["progress"]
+    more = f"training.max_episodes={progress['episodes'] + 60}"
+    assert run("train", [f"resume={folder}", more]) == 0
+    iterations = [int(row["iteration"]) for row in metrics(folder)]
+    assert iterations == sorted(set(iterations)), "no row is there twice"
+    assert iterations[-1] > progress["iteration"]
+    assert not list(folder.glob(".*tmp*"))
+
+
+def test_it_learns_and_stops_when_the_ipt_passes(tmp_path):
+    overrides = [
+        "layout.rows=3",
+        "layout.cols=4",
+        "instances.max_obstacles=4",
+        "instances.validation_size=100",
+        "env.num_envs=128",
+        "network.widths=[64,64]",
+        "exploration.anneal_steps=5000",
+        "training.learning_starts=256",
+        "training.max_episodes=60000",
+        "ipt.n_batches=2",
+        "ipt.batch_size=100",
+        "ipt.every_episodes=250",
+        "ipt.target_success=0.9",
+        "optimizer.lr=0.002",
+        "logger=none",
+    ]
+    assert run("train", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 0
+    done = json.loads((tmp_path / "run" / "done.json").read_text())
+    assert done["ending"] == "passed"
+    assert done["success"] >= 0.9
+    rows = [row for row in metrics(tmp_path / "run") if row["success"]]
+    assert float(rows[0]["success"]) < 0.9, "the first test must not pass, or this shows nothing"
+
+
+def test_a_run_leaves_its_files(tmp_path):
+    assert run("train", [*TINY, "logger=tensorboard", f"run_dir={tmp_path / 'run'}"]) == 0
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    wanted = {"about.json", "checkpoint.pt", "config.yaml", "done.json", "learning_curve.png", "metrics.csv"}
+    assert names == wanted | {"model.safetensors", "tensorboard"}
+    assert list((tmp_path / "run" / "tensorboard").rglob("events*"))
+    _, config = load_model(tmp_path / "run")
+    assert config["layout"]["rows"] == 3
+
+
+def test_a_sweep_gives_each_job_its_own_folder(tmp_path):
+    assert run("train", ["-m", *TINY, "seed=0,1", f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir=${seed}"]) == 0
+    assert (tmp_path / "0" / "done.json").exists()
+    assert (tmp_path / "1" / "done.json").exists()
+
+
+def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(session.Trainer, "_update", lambda self: torch.tensor(float("nan")))
+    assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 1
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "the loss is nan" in said
+    assert "checkpoint" in said
+
+
+def test_epsilon_falls_linearly():
+    epsilon = LinearEpsilon(start=1.0, end=0.1, anneal_steps=100)
+    assert [round(epsilon(steps), 6) for steps in (0, 50, 100, 1000)] == [1.0, 0.55, 0.1, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"max_episodes": 0}, "training.max_episodes: got 0"),
+        ({"max_minutes": -1.0}, "training.max_minutes: got -1"),
+        ({"batch_size": 2.5}, r"training.batch_size: got 2\.5"),
+    ],
+)
+def test_bad_budget(change, says):
+    good = {"max_episodes": 1, "max_minutes": None, "batch_size": 1, "updates_per_step": 1, "learning_starts": 1}
+    with pytest.raises(InputError, match=says):
+        Budget(**(good | {"max_grad_norm": None} | change))

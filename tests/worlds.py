@@ -1,0 +1,51 @@
+"""Small worlds that many tests share."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import torch
+
+from dore.agents.sequential import Sequential
+from dore.agents.single import Single
+from dore.env import RearrangeEnv, Rewards
+from dore.layout import Layout
+from dore.networks import MLP, NetworkFactory
+from dore.reach import Reach
+from dore.sampling import Difficulty, FreshInstances
+
+REWARDS = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
+
+
+def wide_hand(rows: int, cols: int, cell_m: float = 0.12) -> Reach:
+    """The `wide_hand` preset on a regular layout."""
+    return Reach(Layout.grid(rows, cols, cell_m), clearance_m=0.142, half_fan_deg=15.0, n_sectors=30)
+
+
+def make_env(reach: Reach, num_envs: int, most: int, max_moves: int = 8, seed: int = 0, least: int = 2) -> RearrangeEnv:
+    """An environment with fresh training instances of `least` to `most` obstacles."""
+    source = FreshInstances(reach, Difficulty(least, most), "train", seed)
+    return RearrangeEnv(reach, source, num_envs, max_moves, REWARDS)
+
+
+def tiny_network() -> NetworkFactory:
+    """A small MLP."""
+    return partial(MLP, widths=[32])
+
+
+def make_agent(kind: str, literal: bool, reach: Reach, slots: int = 5) -> Sequential | Single:
+    """An agent of either structure, in its improved or its literal form."""
+    torch.manual_seed(0)
+    common = {
+        "reach": reach,
+        "network": tiny_network(),
+        "encoding": "state" if literal else "planes",
+        "mask_mode": "literal" if literal else "legal",
+        "gamma": 0.9,
+        "double": not literal,
+        "loss_function": "l2" if literal else "smooth_l1",
+        "symmetry": not literal,
+    }
+    if kind == "sequential":
+        return Sequential(chain="literal" if literal else "natural", **common)
+    return Single(n_slots=slots, heads="independent", **common)
