@@ -65,6 +65,7 @@ class LinearEpsilon:
 class Budget:
     """When a run ends without passing, and how it learns on the way.
 
+    min_episodes: before so many no test ends the run: plans get shorter after success is high (paper: 0).
     max_episodes: T_lim. max_minutes: of training, None for no limit.
     batch_size: transitions an update. updates_per_step: updates after each step of all environments.
     learning_starts: transitions in the buffer before the first update (Table 5's replay start size).
@@ -74,6 +75,7 @@ class Budget:
         InputError: a number outside its domain.
     """
 
+    min_episodes: int
     max_episodes: int
     max_minutes: float | None
     batch_size: int
@@ -82,6 +84,7 @@ class Budget:
     max_grad_norm: float | None
 
     def __post_init__(self) -> None:
+        whole("training.min_episodes", self.min_episodes, 0)
         for name in ("max_episodes", "batch_size", "updates_per_step", "learning_starts"):
             whole(f"training.{name}", getattr(self, name), 1)
         for name in ("max_minutes", "max_grad_norm"):
@@ -149,7 +152,7 @@ class Trainer:
                 tested = self.test.run(self.agent.policy)
                 progress.success, progress.rearrangements = tested.success, tested.rearrangements
             report(progress, tested)
-            if tested is not None and tested.passed:
+            if tested is not None and tested.passed and progress.episodes >= self.budget.min_episodes:
                 return Ending.PASSED
             if spent:
                 return Ending.BUDGET

@@ -105,10 +105,12 @@ def test_what_the_arm_cannot_reach_is_refused():
         rehearse(plan_of(scene=Scene(LAYOUT, (), 0), target_direction_deg=55.0), ARM, bodies)
 
 
-def test_an_unsolved_plan_is_bad_input(tmp_path):
+def test_an_unsolved_plan_and_low_objects_are_bad_input(tmp_path):
     plan = Plan(Status.GAVE_UP, (), None, "test", 0.0)
     with pytest.raises(InputError, match=r"plan\.status"):
         execute(PlanFile(FIG7, REACH, plan), ARM, tmp_path / "none", video=False)
+    with pytest.raises(InputError, match=r"objects\.height_m"):
+        execute(FIG7_PLAN, ARM, tmp_path / "none", video=False, objects=ObjectConfig(height_m=(0.05, 0.06)))
     assert not (tmp_path / "none").exists()
 
 

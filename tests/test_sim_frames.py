@@ -81,7 +81,9 @@ def test_objects_are_the_same_for_a_seed():
         (lambda: ArmConfig(lift_m=0.0), "arm.lift_m"),
         (lambda: ObjectConfig(shapes="sphere"), "objects.shapes"),
         (lambda: ObjectConfig(height_m=(0.2, 0.1)), "objects.height_m"),
+        (lambda: ObjectConfig(can_radius_m=(0.02,)), "objects.can_radius_m"),  # type: ignore[arg-type]
         (lambda: CameraConfig(width_px=1), "camera.width_px"),
+        (lambda: CameraConfig(eye_m=(0.42, 0.02, 0.12)), "camera.eye_m"),
         (lambda: CameraConfig(eye_m=(1.0, 2.0)), "camera.eye_m"),
     ],
 )

@@ -9,7 +9,8 @@ from omegaconf import DictConfig
 from dore import build, run_folder
 from dore.errors import InputError, whole
 from dore.plan_files import read_plan
-from dore.sim.execute import REPORT_NAME, execute as execute_plan
+from dore.sim.execute import REPORT_NAME
+from dore.sim.execute import execute as execute_plan
 from dore.sim.report import ExecutionReport
 
 OK, FAULT, REFUSED = 0, 1, 3

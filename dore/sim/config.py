@@ -8,7 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from dore.errors import InputError, number
+from dore.errors import InputError, number, whole
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]
 
@@ -88,9 +88,9 @@ class ObjectConfig:
             raise InputError(f"objects.shapes: got {self.shapes!r}, want one of {', '.join(get_args(Shapes))}")
         number("objects.density_kg_m3", self.density_kg_m3, above=0.0)
         for name in ("cuboid_half_width_m", "can_radius_m", "height_m"):
-            low, high = (number(f"objects.{name}", v, above=0.0, at_most=1.0) for v in getattr(self, name))
-            if low > high:
-                raise InputError(f"objects.{name}: got [{low:g}, {high:g}], want [low, high]")
+            low, high = _numbers(f"objects.{name}", getattr(self, name), ("low", "high"))
+            if not 0 < low <= high <= 1:
+                raise InputError(f"objects.{name}: got [{low:g}, {high:g}], want 0 < low <= high <= 1")
 
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Body, ...]:
         """`count` bodies, of both shapes in turn where `shapes` is mixed; the same generator state, the same ones."""
@@ -121,11 +121,23 @@ class CameraConfig:
     shadows: bool = False
 
     def __post_init__(self) -> None:
-        number("camera.width_px", self.width_px, above=15)
-        number("camera.height_px", self.height_px, above=15)
+        whole("camera.width_px", self.width_px, 16)
+        whole("camera.height_px", self.height_px, 16)
         number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
         number("camera.frames_per_s", self.frames_per_s, above=0.0, at_most=60.0)
         number("camera.playback_speed", self.playback_speed, above=0.0, at_most=100.0)
         for name in ("eye_m", "look_at_m"):
-            if len(getattr(self, name)) != 3:
-                raise InputError(f"camera.{name}: got {getattr(self, name)!r}, want [x, y, z] in metres")
+            _numbers(f"camera.{name}", getattr(self, name), ("x", "y", "z"))
+        if list(self.eye_m) == list(self.look_at_m):
+            raise InputError(f"camera.eye_m: got {list(self.eye_m)}, the same as camera.look_at_m; want another point")
+
+
+def _numbers(name: str, values: object, wanted: tuple[str, ...]) -> list[float]:
+    """`values` as so many finite floats.
+
+    Raises:
+        InputError: it is no list, of another length, or holds something else.
+    """
+    if not isinstance(values, list | tuple) or len(values) != len(wanted):
+        raise InputError(f"{name}: got {values!r}, want [{', '.join(wanted)}]")
+    return [number(name, value) for value in values]

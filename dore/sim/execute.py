@@ -55,14 +55,18 @@ def execute(
         seed: of the objects' shapes and of the simulator; the same seed gives the same report but for wall times.
 
     Raises:
-        InputError: a plan that is not solved.
+        InputError: a plan that is not solved, or objects lower than the grasp.
         OSError: `out_dir` cannot be written.
     """
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
+    objects = objects or ObjectConfig()
+    if objects.height_m[0] <= arm.grasp_height_m:
+        raise InputError(
+            f"objects.height_m: from {objects.height_m[0]:g}, want more than arm.grasp_height_m {arm.grasp_height_m:g}"
+        )
     started = time.perf_counter()
     out_dir.mkdir(parents=True, exist_ok=True)
-    objects = objects or ObjectConfig()
     bodies = objects.draw(1 + len(plan_file.scene.obstacles), np.random.default_rng(seed))
     report = _blank(plan_file, arm, bodies, seed)
     tasks = tasks_of(plan_file.scene, plan_file.plan)

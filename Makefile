@@ -1,0 +1,37 @@
+# make demo: train, evaluate, plan, draw and execute.   make test: lint, types and tests.
+VENV := .venv
+PYTHON ?= python3
+BIN := $(VENV)/bin
+# Overrides of the demo's training, and how many instances it evaluates.
+DEMO_TRAIN ?=
+DEMO_LIMIT ?= 1000
+
+.PHONY: demo test test-slow lint bench venv clean
+
+demo: venv
+	BIN=$(BIN) LIMIT=$(DEMO_LIMIT) scripts/demo.sh $(DEMO_TRAIN)
+
+test: lint
+	$(BIN)/python -m pytest -m "not slow and not gpu"
+
+test-slow: venv
+	$(BIN)/python -m pytest -m "slow"
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: venv
+	$(BIN)/python scripts/bench_world.py
+
+venv: $(VENV)/.installed
+
+# The stamp comes last, so that an installation that was cut off is made again.
+$(VENV)/.installed: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info

@@ -1,0 +1,46 @@
+"""The demo's closing table: what was trained, evaluated, planned and executed, and where it lies.
+
+python scripts/demo_summary.py outputs/demo SECONDS
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from dore.evaluation import read_rows
+from dore.tables import as_text, summarise
+
+
+def main(out: Path, seconds: str) -> None:
+    """Print the table and the paths."""
+    trained = json.loads((out / "train" / "done.json").read_text())
+    plan = json.loads((out / "plan.json").read_text())
+    executed = json.loads((out / "execute" / "execution.json").read_text())
+    lines = [["demo", "result"]]
+    ipt = f"IPT {100 * trained['success']:.1f} % after {trained['episodes']} episodes, {trained['seconds']:.0f} s"
+    lines.append(["train", ipt])
+    for one in summarise(read_rows(out / "evaluate" / "rows.csv")):
+        share, moves = one.success, one.moves
+        lines.append(
+            [
+                one.planner,
+                f"{100 * share.value:.1f} % of {one.instances} solved [{100 * share.low:.1f}, {100 * share.high:.1f}], "
+                f"{moves.value:.2f} rearrangements, p50 {one.planning_p50_ms:.1f} ms",
+            ]
+        )
+    lines.append(["plan", f"{plan['status']}, {len(plan['moves'])} moves in {1000 * plan['planning_s']:.1f} ms"])
+    lines.append(["execute", executed["message"]])
+    lines.append(["in all", f"{seconds} s"])
+    print(as_text(lines))
+    print()
+    for name in ("train/learning_curve.png", "evaluate/rows.csv", "plan.json", "plan.png"):
+        print(out / name)
+    for name in ("execution.json", "execution.mp4"):
+        if (out / "execute" / name).exists():
+            print(out / "execute" / name)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])
