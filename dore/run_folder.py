@@ -40,7 +40,7 @@ def write_config(folder: Path, cfg: DictConfig) -> None:
     with atomic_write(folder / CONFIG) as file:
         file.write(OmegaConf.to_yaml(cfg, resolve=True))
     versions = {name: version(name) for name in _PACKAGES}
-    about = {"started": time.strftime("%Y-%m-%dT%H:%M:%S%z"), "commit": _commit(), "versions": versions}
+    about = {"started": time.strftime("%Y-%m-%dT%H:%M:%S%z"), "commit": commit(), "versions": versions}
     with atomic_write(folder / "about.json") as file:
         json.dump(about, file, indent=2)
 
@@ -100,7 +100,7 @@ class MetricsLog:
         return [row for row in rows if (row["iteration"] or "").isdigit() and int(row["iteration"]) <= iteration]
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """The commit of the checkout that this package runs from, if it does."""
     try:
         done = subprocess.run(

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from dore.evaluation import read_rows
-from dore.tables import as_text, summarise
+from dore.tables import summarise
 
 
 def main(out: Path, seconds: str) -> None:
@@ -18,7 +18,7 @@ def main(out: Path, seconds: str) -> None:
     trained = json.loads((out / "train" / "done.json").read_text())
     plan = json.loads((out / "plan.json").read_text())
     executed = json.loads((out / "execute" / "execution.json").read_text())
-    lines = [["demo", "result"]]
+    lines = []
     ipt = f"IPT {100 * trained['success']:.1f} % after {trained['episodes']} episodes, {trained['seconds']:.0f} s"
     lines.append(["train", ipt])
     for one in summarise(read_rows(out / "evaluate" / "rows.csv")):
@@ -33,7 +33,8 @@ def main(out: Path, seconds: str) -> None:
     lines.append(["plan", f"{plan['status']}, {len(plan['moves'])} moves in {1000 * plan['planning_s']:.1f} ms"])
     lines.append(["execute", executed["message"]])
     lines.append(["in all", f"{seconds} s"])
-    print(as_text(lines))
+    for name, result in lines:
+        print(f"{name:<15}{result}")
     print()
     for name in ("train/learning_curve.png", "evaluate/rows.csv", "plan.json", "plan.png"):
         print(out / name)

@@ -161,6 +161,13 @@ def test_epsilon_falls_linearly():
     ],
 )
 def test_bad_budget(change, says):
-    good = {"min_episodes": 0, "max_episodes": 1, "max_minutes": None, "batch_size": 1, "updates_per_step": 1, "learning_starts": 1}
+    good = {
+        "min_episodes": 0,
+        "max_episodes": 1,
+        "max_minutes": None,
+        "batch_size": 1,
+        "updates_per_step": 1,
+        "learning_starts": 1,
+    }
     with pytest.raises(InputError, match=says):
         Budget(**(good | {"max_grad_norm": None} | change))

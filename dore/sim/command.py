@@ -24,9 +24,7 @@ def execute(cfg: DictConfig) -> int:
     plan_file = read_plan(cfg.plan)
     arm, camera, objects = (build.make(cfg[name], name) for name in ("arm", "camera", "objects"))
     folder = run_folder.claim(Path(cfg.run_dir))
-    report = execute_plan(
-        plan_file, arm, folder, cfg.video == "auto", objects=objects, camera=camera, seed=cfg.seed
-    )
+    report = execute_plan(plan_file, arm, folder, cfg.video == "auto", objects=objects, camera=camera, seed=cfg.seed)
     _print_report(report, folder)
     if report.refused:
         return REFUSED
