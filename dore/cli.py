@@ -7,7 +7,6 @@ import os
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import hydra
 from hydra.errors import HydraException
@@ -15,6 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.errors import InputError
+from dore.paths import conf_dir
 
 BAD_INPUT = 2
 Task = Callable[[DictConfig], int]
@@ -62,12 +62,6 @@ def execute() -> None:
         return execute(cfg)
 
     _main("execute", task)
-
-
-def conf_dir() -> Path:
-    """Where the configs are: inside the installed package, or beside it in a checkout."""
-    packed = Path(__file__).parent / "conf"
-    return packed if packed.is_dir() else Path(__file__).parents[1] / "conf"
 
 
 def _main(name: str, task: Task) -> None:

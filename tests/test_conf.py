@@ -9,7 +9,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from dore import build
-from dore.cli import conf_dir
+from dore.paths import conf_dir
 from dore.session import trainer_of
 
 GROUPS = ("layout", "reach", "instances", "env", "network", "agent", "buffer", "exploration", "optimizer")

@@ -17,7 +17,7 @@ from dore.layout import Layout
 from dore.plan import Move, Plan, PlanFile, Scene, Status, replay
 from dore.reach import Reach
 from dore.sim.arm import render_backend
-from dore.sim.config import ArmConfig, CameraConfig, ObjectConfig
+from dore.sim.config import preset
 from dore.sim.execute import REPORT_NAME, VIDEO_NAME, execute, rehearse
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
@@ -28,7 +28,8 @@ pytestmark = pytest.mark.sim
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 REACH = Reach(LAYOUT, clearance_m=0.10, half_fan_deg=30.0, n_sectors=61)
 FIG7 = Scene(LAYOUT, obstacles=(15, 2, 8, 6, 12, 0), target=14)
-ARM = ArmConfig()
+ARM = preset("arm/panda_slim")
+OBJECTS = preset("objects/mixed")
 
 
 def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
@@ -91,13 +92,13 @@ def test_a_carried_object_that_would_touch_another_is_refused():
     with pytest.raises(
         Refused, match=r"move 1 \(3 to 15\): insert: the .* would touch the object on cell 10"
     ) as caught:
-        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), ARM, ObjectConfig().draw(3, np.random.default_rng(0)))
+        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), ARM, OBJECTS.draw(3, np.random.default_rng(0)))
     assert caught.value.outcome is Outcome.BLOCKED
 
 
 def test_what_the_arm_cannot_reach_is_refused():
     far = Layout.grid(3, 6, 0.12, 0.90)
-    bodies = ObjectConfig().draw(1, np.random.default_rng(0))
+    bodies = OBJECTS.draw(1, np.random.default_rng(0))
     with pytest.raises(Refused, match=r"target \(15\)") as caught:
         rehearse(plan_of(scene=Scene(far, (), 14)), ARM, bodies)
     assert caught.value.outcome is Outcome.OUT_OF_REACH
@@ -110,7 +111,13 @@ def test_an_unsolved_plan_and_low_objects_are_bad_input(tmp_path):
     with pytest.raises(InputError, match=r"plan\.status"):
         execute(PlanFile(FIG7, REACH, plan), ARM, tmp_path / "none", video=False)
     with pytest.raises(InputError, match=r"objects\.height_m"):
-        execute(FIG7_PLAN, ARM, tmp_path / "none", video=False, objects=ObjectConfig(height_m=(0.05, 0.06)))
+        execute(
+            FIG7_PLAN,
+            ARM,
+            tmp_path / "none",
+            video=False,
+            objects=replace(OBJECTS, height_m=(0.05, 0.06)),
+        )
     assert not (tmp_path / "none").exists()
 
 
@@ -126,7 +133,7 @@ def test_an_unsolved_plan_and_low_objects_are_bad_input(tmp_path):
 )
 def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
     scene = Scene(LAYOUT, obstacles=(2,), target=12)
-    plan, bodies = plan_of(Move(2, 8, 0.0, 0.0), scene=scene), ObjectConfig().draw(2, np.random.default_rng(0))
+    plan, bodies = plan_of(Move(2, 8, 0.0, 0.0), scene=scene), OBJECTS.draw(2, np.random.default_rng(0))
     env = gym.make(
         "DoreTabletop-v1", layout=LAYOUT, bodies=bodies, arm=ARM, obs_mode="none", reward_mode="none",
         control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend="none",
@@ -152,7 +159,7 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
 def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
     """The jaws turn it by 34 degrees and shift it; the arm sees that and makes up for it."""
     plan = plan_of(Move(14, 16, 30.0, 0.0), Move(16, 14, -20.0, 30.0), scene=Scene(LAYOUT, (14,), 0))
-    report = execute(plan, ARM, tmp_path, video=False, objects=ObjectConfig(shapes="cuboid"))
+    report = execute(plan, ARM, tmp_path, video=False, objects=replace(OBJECTS, shapes="cuboid"))
     assert report.success
     assert max(move.placement_error_mm or 0.0 for move in report.moves) < 3.0
 
@@ -174,7 +181,7 @@ def test_the_task_is_made_by_gymnasium_and_observes_its_state():
 
 def test_irregular_layouts_and_too_many_objects():
     layout = Layout(((0.55, 0.1), (0.66, -0.05)), 0.12)
-    bodies = ObjectConfig().draw(3, np.random.default_rng(0))
+    bodies = OBJECTS.draw(3, np.random.default_rng(0))
     settings: dict[str, Any] = {"layout": layout, "obs_mode": "none", "render_backend": "none"}
     env = gym.make("DoreTabletop-v1", bodies=bodies[:2], **settings)
     env.reset(options={"cells": [1, 0]})
@@ -187,7 +194,7 @@ def test_irregular_layouts_and_too_many_objects():
 def test_a_film_is_made_where_vulkan_is(tmp_path: Path):
     if render_backend() == "none":
         pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
-    camera = CameraConfig(width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
+    camera = replace(preset("camera/corner"), width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
     report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), ARM, tmp_path, video=True, camera=camera)
     assert report.success
     assert report.video == VIDEO_NAME

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dore.errors import InputError
-from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig
+from dore.sim.config import Body, preset
 from dore.sim.frames import hand_pose, inside, lane, straight
 from dore.sim.timing import timed
 
@@ -67,7 +68,7 @@ def test_commands_keep_the_joint_limits_and_reach_the_end():
 
 
 def test_objects_are_the_same_for_a_seed():
-    draws = [ObjectConfig().draw(5, np.random.default_rng(seed)) for seed in (3, 3, 4)]
+    draws = [preset("objects/mixed").draw(5, np.random.default_rng(seed)) for seed in (3, 3, 4)]
     assert draws[0] == draws[1] != draws[2]
     assert [body.shape for body in draws[0]] == ["cuboid", "cylinder"] * 2 + ["cuboid"]
     assert Body("cuboid", 0.025, 0.15).radius_m == pytest.approx(0.025 * math.sqrt(2))
@@ -76,15 +77,15 @@ def test_objects_are_the_same_for_a_seed():
 @pytest.mark.parametrize(
     ("build", "field"),
     [
-        (lambda: ArmConfig(name="jaco"), "arm.name"),
-        (lambda: ArmConfig(tilt_deg=math.nan), "arm.tilt_deg"),
-        (lambda: ArmConfig(lift_m=0.0), "arm.lift_m"),
-        (lambda: ObjectConfig(shapes="sphere"), "objects.shapes"),
-        (lambda: ObjectConfig(height_m=(0.2, 0.1)), "objects.height_m"),
-        (lambda: ObjectConfig(can_radius_m=(0.02,)), "objects.can_radius_m"),  # type: ignore[arg-type]
-        (lambda: CameraConfig(width_px=1), "camera.width_px"),
-        (lambda: CameraConfig(eye_m=(0.42, 0.02, 0.12)), "camera.eye_m"),
-        (lambda: CameraConfig(eye_m=(1.0, 2.0)), "camera.eye_m"),
+        (lambda: replace(preset("arm/panda_slim"), name="jaco"), "arm.name"),
+        (lambda: replace(preset("arm/panda_slim"), tilt_deg=math.nan), "arm.tilt_deg"),
+        (lambda: replace(preset("arm/panda_slim"), lift_m=0.0), "arm.lift_m"),
+        (lambda: replace(preset("objects/mixed"), shapes="sphere"), "objects.shapes"),
+        (lambda: replace(preset("objects/mixed"), height_m=(0.2, 0.1)), "objects.height_m"),
+        (lambda: replace(preset("objects/mixed"), can_radius_m=(0.02,)), "objects.can_radius_m"),  # type: ignore[arg-type]
+        (lambda: replace(preset("camera/corner"), width_px=1), "camera.width_px"),
+        (lambda: replace(preset("camera/corner"), eye_m=(0.42, 0.02, 0.12)), "camera.eye_m"),
+        (lambda: replace(preset("camera/corner"), eye_m=(1.0, 2.0)), "camera.eye_m"),
     ],
 )
 def test_bad_values_are_named(build, field):

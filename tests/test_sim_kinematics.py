@@ -9,13 +9,13 @@ import pytest
 
 from dore.layout import Layout
 from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker, Standing
-from dore.sim.config import ArmConfig, Body
+from dore.sim.config import Body, preset
 from dore.sim.description import arm_files, slim_urdf
 from dore.sim.frames import hand_pose, lane
 from dore.sim.kinematics import LARGEST_STEP_RAD, ArmKinematics, Reached, Unreachable
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
-ARM = ArmConfig()
+ARM = preset("arm/panda_slim")
 STAGING_X = LAYOUT.front_m - ARM.staging_m
 CLEARANCE_M = 0.10
 """r of reach=panda_slim."""

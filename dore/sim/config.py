@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+from hydra.utils import instantiate
+from omegaconf import OmegaConf
 
 from dore.errors import InputError, number, whole
+from dore.paths import conf_dir
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]
 
@@ -21,20 +24,20 @@ class ArmConfig:
         InputError: a value that is not finite, or outside what the arm can mean.
     """
 
-    name: str = "panda_slim"
-    base_drop_m: float = 0.25
-    tilt_deg: float = 50.0
-    grasp_height_m: float = 0.10
-    lift_m: float = 0.03
-    staging_m: float = 0.07
-    lateral_limit_m: float = 0.42
-    heading_limit_deg: float = 60.0
-    hand_speed_m_s: float = 0.40
-    lift_speed_m_s: float = 0.10
-    joint_speed: float = 0.6
-    joint_acceleration: float = 0.6
-    clearance_m: float = 0.005
-    pushed_m: float = 0.005
+    name: str
+    base_drop_m: float
+    tilt_deg: float
+    grasp_height_m: float
+    lift_m: float
+    staging_m: float
+    lateral_limit_m: float
+    heading_limit_deg: float
+    hand_speed_m_s: float
+    lift_speed_m_s: float
+    joint_speed: float
+    joint_acceleration: float
+    clearance_m: float
+    pushed_m: float
 
     def __post_init__(self) -> None:
         if self.name != "panda_slim":
@@ -77,11 +80,11 @@ class ObjectConfig:
         InputError: an unknown shape, or a range that is upside down or not positive.
     """
 
-    shapes: Shapes = "mixed"
-    cuboid_half_width_m: tuple[float, float] = (0.022, 0.025)
-    can_radius_m: tuple[float, float] = (0.024, 0.028)
-    height_m: tuple[float, float] = (0.14, 0.15)
-    density_kg_m3: float = 400.0
+    shapes: Shapes
+    cuboid_half_width_m: tuple[float, float]
+    can_radius_m: tuple[float, float]
+    height_m: tuple[float, float]
+    density_kg_m3: float
 
     def __post_init__(self) -> None:
         if self.shapes not in get_args(Shapes):
@@ -111,14 +114,14 @@ class CameraConfig:
         InputError: a size below 16 pixels, a field of view outside (0, 170] degrees, a rate that is not positive.
     """
 
-    eye_m: tuple[float, float, float] = (1.50, -0.95, 0.85)
-    look_at_m: tuple[float, float, float] = (0.42, 0.02, 0.12)
-    width_px: int = 640
-    height_px: int = 480
-    field_of_view_deg: float = 38.0
-    frames_per_s: float = 10.0
-    playback_speed: float = 2.0
-    shadows: bool = False
+    eye_m: tuple[float, float, float]
+    look_at_m: tuple[float, float, float]
+    width_px: int
+    height_px: int
+    field_of_view_deg: float
+    frames_per_s: float
+    playback_speed: float
+    shadows: bool
 
     def __post_init__(self) -> None:
         whole("camera.width_px", self.width_px, 16)
@@ -130,6 +133,11 @@ class CameraConfig:
             _numbers(f"camera.{name}", getattr(self, name), ("x", "y", "z"))
         if list(self.eye_m) == list(self.look_at_m):
             raise InputError(f"camera.eye_m: got {list(self.eye_m)}, the same as camera.look_at_m; want another point")
+
+
+def preset(name: str) -> Any:
+    """What conf/`name`.yaml describes, as `arm/panda_slim`: the one place where default values stand."""
+    return instantiate(OmegaConf.load(conf_dir() / f"{name}.yaml"), _convert_="all")
 
 
 def _numbers(name: str, values: object, wanted: tuple[str, ...]) -> list[float]:

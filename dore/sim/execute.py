@@ -15,7 +15,7 @@ from dore.errors import InputError
 from dore.plan import PlanFile, Status, cell_id
 from dore.sim.arm import render_backend
 from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker
-from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig
+from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig, preset
 from dore.sim.description import arm_files
 from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion import Operator
@@ -60,7 +60,7 @@ def execute(
     """
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
-    objects = objects or ObjectConfig()
+    objects = objects or preset("objects/mixed")
     if objects.height_m[0] <= arm.grasp_height_m:
         raise InputError(
             f"objects.height_m: from {objects.height_m[0]:g}, want more than arm.grasp_height_m {arm.grasp_height_m:g}"
@@ -79,7 +79,7 @@ def execute(
         rehearsal.begin(plan_file.scene)
         backend = render_backend() if video else "none"
         report.pictures = "not asked for" if not video else NO_PICTURES if backend == "none" else VIDEO_NAME
-        env = _environment(plan_file, arm, bodies, objects, camera or CameraConfig(), backend)
+        env = _environment(plan_file, arm, bodies, objects, camera or preset("camera/corner"), backend)
         try:
             _perform(env, rehearsal, plan_file, tasks, report, out_dir)
         finally:

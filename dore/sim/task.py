@@ -20,7 +20,7 @@ from torch import Tensor
 from dore.errors import InputError
 from dore.layout import Layout
 from dore.sim.arm import PandaSlim
-from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig
+from dore.sim.config import ArmConfig, Body, CameraConfig, preset
 from dore.sim.description import FINGER_OPEN_M, arm_files
 from dore.sim.kinematics import ArmKinematics
 from dore.sim.scenery import build_object, build_surroundings
@@ -69,8 +69,8 @@ class DoreTabletopEnv(BaseEnv):
         **kwargs: Any,
     ) -> None:
         self.layout = layout or Layout.grid(3, 6, 0.12, 0.50)
-        self.bodies = tuple(bodies or ObjectConfig().draw(7, np.random.default_rng(0)))
-        self.arm, self.camera = arm or ArmConfig(), camera or CameraConfig()
+        self.bodies = tuple(bodies or preset("objects/mixed").draw(7, np.random.default_rng(0)))
+        self.arm, self.camera = arm or preset("arm/panda_slim"), camera or preset("camera/corner")
         if len(self.bodies) > self.layout.n_cells:
             raise InputError(f"bodies: {len(self.bodies)} objects, want at most {self.layout.n_cells}, one a cell")
         self.density_kg_m3 = density_kg_m3
