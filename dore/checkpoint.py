@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor
 
 from dore.errors import InputError, atomic_write
+from dore.tensor_files import read_tensors, write_tensors
 
 CHECKPOINT_FORMAT = "dore-checkpoint/1"
 MODEL_FORMAT = "dore-model/1"
@@ -46,10 +45,7 @@ def load_checkpoint(path: str | os.PathLike[str], device: torch.device | str) ->
 
 def save_model(path: str | os.PathLike[str], weights: dict[str, Tensor], config: dict[str, Any]) -> None:
     """Write a model file: the online networks' weights, and the config that builds them."""
-    header = {"format": MODEL_FORMAT, "config": json.dumps(config)}
-    data = save({name: tensor.detach().cpu().contiguous() for name, tensor in weights.items()}, header)
-    with atomic_write(path, "wb") as file:
-        file.write(data)
+    write_tensors(path, weights, {"format": MODEL_FORMAT, "config": json.dumps(config)})
 
 
 def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -59,18 +55,7 @@ def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[st
         InputError: no such file, a damaged one, or none of ours.
     """
     path = Path(path)
-    if path.is_dir():
-        path = path / MODEL_NAME
-    try:
-        with safe_open(os.fspath(path), framework="pt") as file:
-            header = file.metadata() or {}
-            weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"{path}: cut off or damaged ({_first_line(error)})") from None
-    if header.get("format") != MODEL_FORMAT:
-        raise InputError(f"{path}: format {header.get('format')!r}, want {MODEL_FORMAT}")
+    weights, header = read_tensors(path / MODEL_NAME if path.is_dir() else path, MODEL_FORMAT)
     return weights, json.loads(header["config"])
 
 

@@ -7,16 +7,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor
 
 from dore.board import contains, count, pack, unpack
-from dore.errors import InputError, atomic_write, whole
+from dore.errors import InputError, whole
 from dore.plan import Scene
 from dore.reach import Reach
 from dore.rules import has_move, retrievable
 from dore.sampling import PATIENCE, Batch, Difficulty, FreshInstances, InstanceSource
+from dore.tensor_files import read_tensors, write_tensors
 
 FORMAT = "dore-instances/1"
 
@@ -104,11 +103,9 @@ class InstanceSet:
         return cls(reach, found[:n, :-1].contiguous(), found[:n, -1].contiguous())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the set as safetensors, its layout and reach in the header."""
+        """Write the set, its layout and reach in the header."""
         header = {"format": FORMAT, "world": _world(self.reach)}
-        data = save({"board": self.board.cpu(), "target": self.target.cpu()}, header)
-        with atomic_write(path, "wb") as file:
-            file.write(data)
+        write_tensors(path, {"board": self.board, "target": self.target}, header)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], reach: Reach) -> InstanceSet:
@@ -117,16 +114,9 @@ class InstanceSet:
         Raises:
             InputError: no such file, a damaged one, one of another layout or reach, or bad instances.
         """
-        try:
-            with safe_open(os.fspath(path), framework="pt") as file:
-                header = file.metadata() or {}
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file") from None
-        except (SafetensorError, OSError) as error:
-            raise InputError(f"{path}: damaged or no instance file ({error})") from None
-        if header.get("format") != FORMAT or set(tensors) != {"board", "target"}:
-            raise InputError(f"{path}: format {header.get('format')!r}, want {FORMAT}")
+        tensors, header = read_tensors(path, FORMAT)
+        if set(tensors) != {"board", "target"}:
+            raise InputError(f"{path}: holds {', '.join(sorted(tensors))}, want board and target")
         if header.get("world") != _world(reach):
             raise InputError(f"{path}: made for {header.get('world')}, want {_world(reach)}")
         try:

@@ -31,6 +31,6 @@ def scene_of(drawing: str, cell_m: float = 0.12) -> Scene:
     return Scene(layout, tuple(cells_of(drawing, "o")), target)
 
 
-def wide_hand(rows: int, cols: int) -> Reach:
-    """The default reach on a regular layout of 12 cm cells."""
-    return Reach(Layout.grid(rows, cols, 0.12), **WIDE_HAND)  # type: ignore[arg-type]
+def wide_hand(rows: int, cols: int, cell_m: float = 0.12) -> Reach:
+    """The default reach on a regular layout."""
+    return Reach(Layout.grid(rows, cols, cell_m), **WIDE_HAND)  # type: ignore[arg-type]

@@ -13,7 +13,8 @@ from dore.layout import Layout
 from dore.reach import Reach
 from dore.replay import compact, restore
 from dore.rules import Failure
-from tests.worlds import make_agent, make_env, wide_hand
+from tests.drawings import wide_hand
+from tests.worlds import make_agent, make_env
 
 BOTH = pytest.mark.parametrize("kind", ["sequential", "single"])
 FORMS = pytest.mark.parametrize("literal", [False, True], ids=["improved", "literal"])

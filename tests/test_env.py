@@ -15,7 +15,8 @@ from dore.layout import Layout
 from dore.reach import Reach
 from dore.rules import Failure, legal_places
 from dore.sampling import Batch
-from tests.worlds import REWARDS, make_env, wide_hand
+from tests.drawings import wide_hand
+from tests.worlds import REWARDS, make_env
 
 
 def random_legal(env: RearrangeEnv, shown, generator: torch.Generator):

@@ -7,7 +7,8 @@ import torch
 from dore.board import pack, unpack
 from dore.features import encode, mirrored_board, mirrored_cell, n_planes, slot_of, slots
 from dore.rules import pickable, placeable
-from tests.worlds import make_env, wide_hand
+from tests.drawings import wide_hand
+from tests.worlds import make_env
 
 
 def test_the_papers_example_state():

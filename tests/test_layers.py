@@ -14,7 +14,7 @@ FILES = sorted((ROOT / "dore").rglob("*.py"))
 WORLD = {
     f"dore.{name}"
     for name in (
-        "errors board layout reach rules sampling splits instances plan plan_files".split()  # noqa: SIM905
+        "errors paths board layout reach rules sampling splits tensor_files instances plan plan_files".split()  # noqa: SIM905
     )
 }
 SIMULATION = {"mani_skill", "sapien", "pin", "pinocchio", "coal", "hppfcl", "gymnasium"}

@@ -10,7 +10,8 @@ from dore.planners.base import Draft, checked_plans
 from dore.rollout import greedy_rollout
 from dore.rules import Failure
 from dore.sampling import Batch
-from tests.worlds import make_agent, make_env, wide_hand
+from tests.drawings import wide_hand
+from tests.worlds import make_agent, make_env
 
 
 @pytest.mark.parametrize("kind", ["sequential", "single"])

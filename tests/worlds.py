@@ -9,17 +9,11 @@ import torch
 from dore.agents.sequential import Sequential
 from dore.agents.single import Single
 from dore.env import RearrangeEnv, Rewards
-from dore.layout import Layout
 from dore.networks import MLP, NetworkFactory
 from dore.reach import Reach
 from dore.sampling import Difficulty, FreshInstances
 
 REWARDS = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
-
-
-def wide_hand(rows: int, cols: int, cell_m: float = 0.12) -> Reach:
-    """The `wide_hand` preset on a regular layout."""
-    return Reach(Layout.grid(rows, cols, cell_m), clearance_m=0.142, half_fan_deg=15.0, n_sectors=30)
 
 
 def make_env(reach: Reach, num_envs: int, most: int, max_moves: int = 8, seed: int = 0, least: int = 2) -> RearrangeEnv:
