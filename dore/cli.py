@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import os
 import re
 import sys
@@ -17,7 +18,20 @@ from dore.errors import InputError
 from dore.paths import conf_dir
 
 BAD_INPUT = 2
+LONGEST_NAME = 120
 Task = Callable[[DictConfig], int]
+
+
+def short_name(overrides: str) -> str:
+    """A sweep job's folder: its overrides, or their head and a digest of all where they are long."""
+    overrides = overrides.replace("/", "_")
+    if len(overrides) <= LONGEST_NAME:
+        return overrides
+    return f"{overrides[: LONGEST_NAME - 9]}-{hashlib.sha256(overrides.encode()).hexdigest()[:8]}"
+
+
+# Here, and not in `_main`, so that the worker processes of a launcher have it too.
+OmegaConf.register_new_resolver("short", short_name, replace=True)
 
 
 def train() -> None:
