@@ -68,9 +68,12 @@ class Greedy(torch.nn.Module):
     Args:
         action, value, mask: keys of the choice, the Q-values and what is allowed.
         n: the head's outputs.
+        device: where the values are.
     """
 
-    def __init__(self, action: keys.Key, value: keys.Key, mask: keys.Key, n: int, mask_mode: MaskMode) -> None:
+    def __init__(
+        self, action: keys.Key, value: keys.Key, mask: keys.Key, n: int, mask_mode: MaskMode, device: torch.device
+    ) -> None:
         super().__init__()
         group, name = action
         shown = (group, "masked_value")
@@ -79,10 +82,13 @@ class Greedy(torch.nn.Module):
             lambda values, allowed: masked(values, allowed, mask_mode), in_keys=[value, mask], out_keys=[shown]
         )
         self.choose = QValueModule(
-            spec=Categorical(n), action_value_key=shown, out_keys=[action, shown, chosen], action_space="categorical"
+            spec=Categorical(n, device=device), action_value_key=shown, out_keys=[action, shown, chosen], action_space="categorical"
         )
         self.explore = EGreedyModule(
-            spec=Composite({group: Composite({name: Categorical(n)})}), action_key=action, action_mask_key=mask
+            spec=Composite({group: Composite({name: Categorical(n, device=device)}, device=device)}, device=device),
+            action_key=action,
+            action_mask_key=mask,
+            device=device,
         )
 
     def modules_in_order(self) -> list[torch.nn.Module]:

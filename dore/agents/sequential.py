@@ -61,8 +61,8 @@ class Sequential:
         pick = TensorDictModule(self.networks["pick"], in_keys=[_SEEN_PICK], out_keys=[keys.PICK_VALUE])
         place = TensorDictModule(self.networks["place"], in_keys=[_SEEN_PLACE], out_keys=[keys.PLACE_VALUE])
         self._greedy = [
-            Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mask_mode).to(reach.device),
-            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode).to(reach.device),
+            Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mask_mode, reach.device),
+            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode, reach.device),
         ]
         before_pick = TensorDictModule(
             self._see_pick, in_keys=[keys.BOARD, keys.TARGET, keys.PICK_MASK], out_keys=[_SEEN_PICK, keys.PICK_MASK]

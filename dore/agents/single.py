@@ -65,8 +65,8 @@ class Single:
         self.networks = torch.nn.ModuleDict({"pick_place": made}).to(reach.device)
         values = TensorDictModule(made, in_keys=[_SEEN], out_keys=[keys.SLOT_VALUE, keys.PLACE_VALUE])
         self._greedy = [
-            Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, n_slots, mask_mode).to(reach.device),
-            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode).to(reach.device),
+            Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, n_slots, mask_mode, reach.device),
+            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode, reach.device),
         ]
         before_pick = TensorDictModule(
             self._see_slots,
