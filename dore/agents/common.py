@@ -82,7 +82,10 @@ class Greedy(torch.nn.Module):
             lambda values, allowed: masked(values, allowed, mask_mode), in_keys=[value, mask], out_keys=[shown]
         )
         self.choose = QValueModule(
-            spec=Categorical(n, device=device), action_value_key=shown, out_keys=[action, shown, chosen], action_space="categorical"
+            spec=Categorical(n, device=device),
+            action_value_key=shown,
+            out_keys=[action, shown, chosen],
+            action_space="categorical",
         )
         self.explore = EGreedyModule(
             spec=Composite({group: Composite({name: Categorical(n, device=device)}, device=device)}, device=device),
