@@ -1,0 +1,41 @@
+"""What is known of a set of instances: how each ends, and the fewest moves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from dore.errors import whole
+from dore.instances import InstanceSet
+from dore.plan import Status
+from dore.planners.base import Planner
+
+
+class Labels(NamedTuple):
+    """One entry an instance."""
+
+    status: list[Status]
+    optimal_moves: Tensor
+    """Int64[N]: the proved fewest moves; -1 where no plan, or no proof, is known. On the CPU."""
+
+
+def label(instances: InstanceSet, planner: Planner, batch_size: int = 1024) -> Labels:
+    """Label a set with a planner that proves its plans, such as `Exact`.
+
+    Args:
+        batch_size: instances handed to the planner together.
+
+    Raises:
+        InputError: a batch size below 1.
+        PlanError: a plan does not replay, which is a fault of the planner.
+    """
+    step = whole("batch_size", batch_size, 1)
+    plans = [
+        plan
+        for first in range(0, len(instances), step)
+        for plan in planner.plan(instances.batch(slice(first, first + step)))
+    ]
+    optimal = [-1 if plan.optimal_moves is None else plan.optimal_moves for plan in plans]
+    return Labels([plan.status for plan in plans], torch.tensor(optimal, dtype=torch.int64))
