@@ -1,0 +1,113 @@
+"""The paper's graph search (section 6.1, Fig. 5), which Table 1 compares the network with."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor
+
+from dore.board import bit
+from dore.errors import number, whole
+from dore.plan import Plan, Status
+from dore.planners.base import Draft, checked_plans
+from dore.reach import Reach
+from dore.rules import lift, pickable, placeable, retrievable
+from dore.sampling import Batch
+
+Node = tuple[int, ...]
+"""A board's words, which the paper calls a state."""
+Step = tuple[Node, int, int]
+"""The node that a node was made from, and the move between them: (pick, place) cells, from 0."""
+
+
+class GraphSearch:
+    """Breadth-first search over boards, a node and a branch at a time.
+
+    As in the paper: a node is a board; branching b_p over which obstacle to pick gives an intermediate node, and
+    branching b_l from there over where to place gives the next nodes. The modified VFH+ (`Reach`) is asked whether
+    the hand gets to the obstacle, to the place, and, when a node is made, to the target. It ends at the first node
+    where the target is accessible.
+
+    Not in the paper, which names neither the order nor what becomes of a board that is reached twice:
+    - breadth-first, the plain reading of "until no more branching is necessary": the plan has the fewest moves;
+    - a board that was made before is not made again, so the search ends even where there is no plan, and no plan
+      goes back;
+    - obstacles and places are taken in the order of their cells.
+
+    Args:
+        max_nodes: gives up after making so many nodes; each is kept, in some 400 bytes.
+        max_seconds: gives up after so many wall seconds on an instance.
+
+    Raises:
+        InputError: a budget of zero or below.
+    """
+
+    name = "graph_search"
+
+    def __init__(self, reach: Reach, max_nodes: int, max_seconds: float) -> None:
+        self.reach = reach
+        self.max_nodes = whole("planner.graph_search.max_nodes", max_nodes, 1)
+        self.max_seconds = number("planner.graph_search.max_seconds", max_seconds, above=0.0)
+
+    def plan(self, batch: Batch) -> list[Plan]:
+        """One plan an instance, worked out one by one; see `Planner`."""
+        drafts = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
+        return checked_plans(self.reach, batch, drafts, self.name)
+
+    def _draft(self, board: Tensor, target: Tensor) -> Draft:
+        """The plan of one instance: Int64[1, W], Int64[1]."""
+        began = time.perf_counter()
+        start: Node = tuple(board[0].tolist())
+        made_from: dict[Node, Step | None] = {start: None}
+        goal = start if bool(retrievable(self.reach, board, target)) else None
+        waiting = deque([start])
+        expansions, spent = 0, ""
+        while waiting and goal is None and not spent:
+            node = waiting.popleft()
+            expansions += 1
+            for next_node, pick, place, accessible in self._branches(node, target):
+                if next_node in made_from:
+                    continue
+                made_from[next_node] = (node, pick, place)
+                waiting.append(next_node)
+                if accessible:
+                    goal = next_node
+                    break
+            spent = self._spent(len(made_from), time.perf_counter() - began)
+        seconds = time.perf_counter() - began
+        if goal is not None:
+            moves = _moves(made_from, goal)
+            return Draft(moves, Status.SOLVED, seconds, expansions, len(moves))
+        if waiting:
+            return Draft([], Status.GAVE_UP, seconds, expansions, reason=spent)
+        reason = f"all {len(made_from)} boards that can be reached are exhausted"
+        return Draft([], Status.UNSOLVABLE, seconds, expansions, reason=reason)
+
+    def _branches(self, node: Node, target: Tensor) -> Iterator[tuple[Node, int, int, bool]]:
+        """The next nodes, the move (pick, place) to each, and whether the target is accessible there."""
+        board = torch.tensor([node], device=target.device)
+        for pick in pickable(self.reach, board, target).nonzero()[:, 1]:
+            intermediate = lift(board, pick[None])
+            places = placeable(self.reach, intermediate, target).nonzero()[:, 1]
+            boards = intermediate | bit(places, len(node))
+            accessible = retrievable(self.reach, boards, target.expand(len(places)))
+            for next_board, place, is_goal in zip(boards.tolist(), places.tolist(), accessible.tolist(), strict=True):
+                yield tuple(next_board), int(pick), place, is_goal
+
+    def _spent(self, n_nodes: int, seconds: float) -> str:
+        """Which budget is spent; empty where none is."""
+        if n_nodes >= self.max_nodes:
+            return "node budget"
+        return "time budget" if seconds >= self.max_seconds else ""
+
+
+def _moves(made_from: dict[Node, Step | None], node: Node) -> list[tuple[int, int]]:
+    """The moves from the start to a node."""
+    moves = []
+    while (step := made_from[node]) is not None:
+        node, pick, place = step
+        moves.append((pick, place))
+    return moves[::-1]
