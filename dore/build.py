@@ -38,30 +38,32 @@ def make(node: Any, name: str, **given: Any) -> Any:
             return instantiate(node, _convert_="all")
         factory = instantiate(node, _partial_=True, _convert_="all")
         inspect.signature(factory.func).bind(**factory.keywords, **given)
-    except (InstantiationException, TypeError) as error:
+    except (InstantiationException, ImportError, TypeError) as error:
         # Nested nodes are built on the way, and say best themselves what is wrong with them.
         if isinstance(error.__cause__, InputError | OSError | MemoryError):
             raise error.__cause__ from None
         raise InputError(f"{name}: {' '.join(str(error).split())}") from None
-    return factory(**given)
+    return call(factory, name, **given)
 
 
-def call(factory: Callable[..., Any], name: str, *given: Any) -> Any:
-    """Call a library's class that checks its own arguments.
+def call(factory: Callable[..., Any], name: str, *given: Any, **named: Any) -> Any:
+    """Call a class that a config names.
 
     Raises:
-        InputError: it refused them; names the node.
+        InputError: it refused its arguments; names the node, unless the class has named the field itself.
     """
     try:
-        return factory(*given)
-    except (ValueError, TypeError) as error:
+        return factory(*given, **named)
+    except InputError:
+        raise
+    except (ValueError, TypeError, ImportError) as error:
         raise InputError(f"{name}: {' '.join(str(error).split())}") from None
 
 
 def reach_of(config: Mapping[str, Any], device: str, layout: Layout | None = None) -> Reach:
     """The accessibility check of a layout, the config's unless one is given."""
-    layout = layout or make(config["layout"], "layout")
-    reach: Reach = make(config["reach"], "reach", layout=layout)
+    layout = layout or make(config.get("layout"), "layout")
+    reach: Reach = make(config.get("reach"), "reach", layout=layout)
     return reach.to(device_of(device))
 
 
@@ -73,7 +75,7 @@ def device_of(name: str) -> torch.device:
     """
     try:
         device = torch.device(name)
-    except RuntimeError:
+    except (RuntimeError, TypeError):
         raise InputError(f"device: got {name!r}, want cpu, cuda or cuda:N") from None
     if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
         raise InputError(f"device: {name!r} is not on this machine, which has {torch.cuda.device_count()} CUDA devices")
@@ -82,14 +84,14 @@ def device_of(name: str) -> torch.device:
 
 def agent_of(config: Mapping[str, Any], reach: Reach) -> Agent:
     """The agent, with fresh weights."""
-    network = make(config["network"], "network")
-    agent: Agent = make(config["agent"], "agent", reach=reach, network=network)
+    network = make(config.get("network"), "network")
+    agent: Agent = make(config.get("agent"), "agent", reach=reach, network=network)
     return agent
 
 
 def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
     """The instance splits, checked against the layout."""
-    splits: InstanceSplits = make(config["instances"], "instances")
+    splits: InstanceSplits = make(config.get("instances"), "instances")
     splits.difficulty.check_fits(reach.n_cells)
     return splits
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import pickle
@@ -22,18 +23,21 @@ MODEL_NAME = "model.safetensors"
 
 def save_checkpoint(path: str | os.PathLike[str], parts: dict[str, Any]) -> None:
     """Write the named parts: state dicts, tensors and plain values."""
+    # By way of memory: on a full disk torch would fail in its own words, and not the disk's.
+    data = io.BytesIO()
+    torch.save({"format": CHECKPOINT_FORMAT, **parts}, data)
     with atomic_write(path, "wb") as file:
-        torch.save({"format": CHECKPOINT_FORMAT, **parts}, file)
+        file.write(data.getbuffer())
 
 
-def load_checkpoint(path: str | os.PathLike[str], device: torch.device | str) -> dict[str, Any]:
-    """The parts that `save_checkpoint` wrote.
+def load_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The parts that `save_checkpoint` wrote, on the CPU; whoever loads them takes them to its own device.
 
     Raises:
         InputError: no such file, a damaged one, or none of ours.
     """
     try:
-        parts = torch.load(path, map_location=device, weights_only=True)
+        parts = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (RuntimeError, EOFError, OSError, pickle.UnpicklingError, zipfile.BadZipFile, KeyError) as error:
@@ -55,8 +59,15 @@ def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[st
         InputError: no such file, a damaged one, or none of ours.
     """
     path = Path(path)
-    weights, header = read_tensors(path / MODEL_NAME if path.is_dir() else path, MODEL_FORMAT)
-    return weights, json.loads(header["config"])
+    file = path / MODEL_NAME if path.is_dir() else path
+    weights, header = read_tensors(file, MODEL_FORMAT)
+    try:
+        config = json.loads(header["config"])
+    except (KeyError, json.JSONDecodeError):
+        config = None
+    if not isinstance(config, dict):
+        raise InputError(f"{file}: cut off or damaged (its config cannot be read)")
+    return weights, config
 
 
 def _first_line(error: Exception) -> str:

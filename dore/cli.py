@@ -17,7 +17,7 @@ from omegaconf.errors import OmegaConfBaseException
 from dore.errors import InputError
 from dore.paths import conf_dir
 
-BAD_INPUT = 2
+BAD_INPUT, STOPPED = 2, 130
 LONGEST_NAME = 120
 Task = Callable[[DictConfig], int]
 
@@ -82,13 +82,15 @@ def _main(name: str, task: Task) -> None:
     """Compose the config, run the task, exit with its code; what the user got wrong is one line and code 2."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises what it would print with a traceback.
 
+    codes: list[int] = []
+
     def run(cfg: DictConfig) -> None:
-        code = _guarded(name, lambda: task(cfg))
-        if code:
-            sys.exit(code)
+        # A sweep goes on after a job that failed, and ends with the worst code.
+        codes.append(_guarded(name, lambda: task(cfg)))
 
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
-    sys.exit(_guarded(name, lambda: command() or 0))
+    composed = _guarded(name, lambda: command() or 0)
+    sys.exit(max([composed, *codes]))
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:
@@ -102,6 +104,9 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except KeyboardInterrupt:
+        print(f"dore-{name}: stopped", file=sys.stderr)
+        return STOPPED
     except OSError as error:
         message = f"{error.filename or 'disk'}: {error.strerror or error}"
     print(f"dore-{name}: {' '.join(message.split())}", file=sys.stderr)
@@ -116,9 +121,10 @@ def _config_message(command: str, text: str) -> str:
         return text
     key = unknown[1]
     parent, _, last = key.rpartition(".")
+    # Only choices of groups, which shape the config; another key may be wrong as well.
+    groups = [one for one in sys.argv[1:] if (conf_dir() / one.partition("=")[0]).is_dir() and "," not in one]
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        others = [one for one in sys.argv[1:] if "=" in one and not one.lstrip("+~").startswith(key)]
-        composed = hydra.compose(command, others)
+        composed = hydra.compose(command, groups)
     node = OmegaConf.select(composed, parent) if parent else composed
     if not isinstance(node, DictConfig):
         parent, last, node = "", parent, composed

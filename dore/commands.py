@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 
 from dore import build, run_folder, tables
 from dore.checkpoint import load_checkpoint, load_model
-from dore.errors import InputError, whole
+from dore.errors import InputError, path_of, seed_of
 from dore.evaluation import Timing, read_rows, write_rows
 from dore.evaluation import evaluate as evaluate_planners
 from dore.instances import InstanceSet, scenes_of
@@ -25,6 +25,7 @@ from dore.sampling import FreshInstances
 from dore.session import CURVE, Session, trainer_of
 from dore.training import Diverged, Ending
 
+ROWS = "rows.csv"
 OK, FAILED, UNSOLVABLE, GAVE_UP, STOPPED = 0, 1, 3, 4, 130
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)
@@ -32,27 +33,46 @@ logging.getLogger("torchrl").setLevel(logging.WARNING)
 
 def train(cfg: DictConfig) -> int:
     """Train a new run, or go on with one."""
-    resumed = cfg.resume is not None
-    folder = Path(cfg.resume) if resumed else _run_dir(cfg)
-    if resumed:
-        cfg = _resumed_config(folder)
+    if cfg.resume is not None:
+        return _go_on(path_of("resume", cfg.resume))
     trainer = trainer_of(cfg)
-    if resumed:
-        state = load_checkpoint(folder / run_folder.CHECKPOINT, cfg.device)
-        trainer.load_state_dict(state)
-    else:
-        run_folder.claim(folder)
+    with run_folder.claimed(_run_dir(cfg), worth=run_folder.CHECKPOINT) as folder:
         run_folder.write_config(folder, cfg)
+        return _run(Session(trainer, folder, cfg, resumed=False))
+
+
+def _go_on(folder: Path) -> int:
+    """Go on with a run from its checkpoint; its config keeps what the command line changes."""
+    cfg = _resumed_config(folder)
+    trainer = trainer_of(cfg)
+    checkpoint = folder / run_folder.CHECKPOINT
+    state = load_checkpoint(checkpoint)
+    try:
+        trainer.load_state_dict(state)
+    except (RuntimeError, KeyError, ValueError, TypeError) as error:
+        why = str(error).splitlines()[0]
+        raise InputError(f"{checkpoint}: of another layout, network or version ({why})") from None
+    if trainer.spent():
+        done = trainer.progress
+        print(f"{folder}: {done.episodes} episodes and {done.seconds:.0f} s are spent; training.max_episodes=... adds")
+        return OK
+    run_folder.unmark_done(folder)
+    run_folder.write_config(folder, cfg)
+    return _run(Session(trainer, folder, cfg, resumed=True))
+
+
+def _run(session: Session) -> int:
+    folder = session.folder
     print(f"training in {folder}", flush=True)
     try:
-        ending = Session(trainer, folder, cfg, resumed).run()
+        ending = session.run()
     except Diverged as error:
         print(f"dore-train: {error}", file=sys.stderr)
         return FAILED
     if ending is Ending.INTERRUPTED:
         print(f"stopped; go on with: dore-train resume={folder}")
         return STOPPED
-    progress = trainer.progress
+    progress = session.trainer.progress
     success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
     print(f"{ending}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
     print(f"model, {run_folder.METRICS} and {CURVE} are in {folder}")
@@ -61,7 +81,6 @@ def train(cfg: DictConfig) -> int:
 
 def evaluate(cfg: DictConfig) -> int:
     """Run planners on a split, write rows.csv and print the tables made from it."""
-    folder = _run_dir(cfg)
     build.use_threads(cfg.threads)
     if cfg.split not in ("test", "validation"):
         raise InputError(f"split: got {cfg.split!r}, want test or validation")
@@ -73,41 +92,46 @@ def evaluate(cfg: DictConfig) -> int:
     planners = build.planners_of(cfg, reach)
     instances: InstanceSet = splits.test(reach) if cfg.split == "test" else splits.validation(reach)
     if cfg.limit is not None:
-        instances = instances.first(whole("limit", cfg.limit, 1))
-    run_folder.claim(folder)
-    run_folder.write_config(folder, cfg)
-    write_rows(folder / "rows.csv", evaluate_planners(planners, instances, Timing(cfg.timing)))
-    rows = read_rows(folder / "rows.csv")
+        instances = instances.first(cfg.limit)
+    with run_folder.claimed(_run_dir(cfg), worth=ROWS) as folder:
+        run_folder.write_config(folder, cfg)
+        write_rows(folder / ROWS, evaluate_planners(planners, instances, Timing(cfg.timing)))
+    rows = read_rows(folder / ROWS)
     print(tables.as_text(tables.summary_table(tables.summarise(rows))))
     if len(planners) > 1:
         print()
         print(tables.as_text(tables.paired_table(tables.compare(rows))))
-    print(f"rows.csv is in {folder}")
+    print(f"{ROWS} is in {folder}")
     return OK
 
 
 def plan(cfg: DictConfig) -> int:
     """Plan one scene; write the plan, draw it, and print it."""
     build.use_threads(cfg.threads)
+    out = path_of("out", cfg.out)
+    picture = out.with_suffix(".png") if cfg.picture is None else path_of("picture", cfg.picture)
     world = build.world_of(cfg, _model_config(cfg))
     if cfg.scene == "random":
         reach = build.reach_of(world, cfg.device)
         difficulty = build.splits_of(world, reach).difficulty
-        drawn = FreshInstances(reach, difficulty, "test", whole("seed", cfg.seed, 0)).draw(1)
+        drawn = FreshInstances(reach, difficulty, "test", seed_of("seed", cfg.seed)).draw(1)
         (scene,) = scenes_of(reach, drawn)
     else:
-        scene = read_scene(cfg.scene)
+        scene = read_scene(path_of("scene", cfg.scene))
         reach = build.reach_of(world, cfg.device, scene.layout)
     planners = build.planners_of(cfg, reach)
     if len(planners) != 1:
         raise InputError(f"planner: got {len(planners)}, want one")
     (found,) = planners[0].plan(InstanceSet.of_scene(reach, scene))
     file = PlanFile(scene, reach, found)
-    write_plan(cfg.out, file)
-    picture = Path(cfg.picture) if cfg.picture else Path(cfg.out).with_suffix(".png")
-    draw_plan(scene, reach, found, picture)
+    write_plan(out, file)
+    try:
+        draw_plan(scene, reach, found, picture)
+    except OSError:
+        out.unlink()
+        raise
     _print_plan(found, cell_id(scene.target))
-    print(f"plan: {cfg.out}  picture: {picture}")
+    print(f"plan: {out}  picture: {picture}")
     return {Status.SOLVED: OK, Status.UNSOLVABLE: UNSOLVABLE, Status.GAVE_UP: GAVE_UP}[found.status]
 
 
@@ -128,20 +152,26 @@ def _run_dir(cfg: DictConfig) -> Path:
     settings = HydraConfig.get()
     if settings.mode is RunMode.MULTIRUN:
         cfg.run_dir = str(Path(settings.sweep.dir) / settings.sweep.subdir)
-    return Path(cfg.run_dir)
+    return path_of("run_dir", cfg.run_dir)
 
 
 def _resumed_config(folder: Path) -> DictConfig:
     """The run's own config; of what the command line gives, only the budget may differ."""
-    cfg = run_folder.read_config(folder)
+    cfg = run_folder.read_config(folder, expected=(*build.MODEL, "training", "ipt", "buffer", "seed"))
     changes = [change for change in HydraConfig.get().overrides.task if not change.startswith("resume=")]
     for change in changes:
         if not change.startswith("training."):
             raise InputError(f"resume: {change} cannot be changed in {folder}, only training.* can")
     cfg.merge_with_dotlist(changes)
+    # The folder may have been moved, or named from elsewhere; loggers write where it is now.
+    for node in cfg.loggers.values():
+        for key, value in node.items():
+            if value == cfg.run_dir:
+                node[key] = str(folder)
+    cfg.run_dir = str(folder)
     return cfg
 
 
 def _model_config(cfg: DictConfig) -> Mapping[str, Any] | None:
     """What the given model was made with."""
-    return None if cfg.model is None else load_model(cfg.model)[1]
+    return None if cfg.model is None else load_model(path_of("model", cfg.model))[1]

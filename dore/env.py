@@ -153,7 +153,8 @@ class RearrangeEnv(EnvBase):
         outcome = transition(self.reach, self._board, self._target, self._visited, pick, place)
         self._board = outcome.board
         self._moves = self._moves + 1
-        slot = self._moves[:, None, None].expand(-1, 1, self.reach.n_words)
+        # A row that is stepped past its end, unreset, stays at its last place.
+        slot = self._moves.clamp_max(self.max_moves)[:, None, None].expand(-1, 1, self.reach.n_words)
         accepted = (outcome.failure == Failure.NONE)[:, None, None]
         kept = torch.where(accepted, self._board[:, None], self._visited[:, :1])
         self._visited = self._visited.scatter(1, slot, kept)

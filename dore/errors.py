@@ -14,15 +14,44 @@ class InputError(ValueError):
     """Bad input: one line that names the field, its value and what was wanted. The CLI exits with 2."""
 
 
-def whole(name: str, value: object, at_least: int) -> int:
-    """`value` as an int of `at_least` or more.
+def whole(name: str, value: object, at_least: int, at_most: int | None = None) -> int:
+    """`value` as an int of `at_least` or more, and `at_most` at most.
 
     Raises:
-        InputError: it is no whole number, or too small.
+        InputError: it is no whole number, too small, or too large.
     """
     if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
         raise InputError(f"{name}: got {value!r}, want a whole number of {at_least} or more")
+    if at_most is not None and value > at_most:
+        raise InputError(f"{name}: got {value!r}, want {at_most} at most")
     return value
+
+
+def seed_of(name: str, value: object) -> int:
+    """`value` as a seed that every generator takes: 0 to 2**32 - 1."""
+    return whole(name, value, 0, at_most=2**32 - 1)
+
+
+def flag(name: str, value: object) -> bool:
+    """`value` as a bool.
+
+    Raises:
+        InputError: it is neither true nor false.
+    """
+    if not isinstance(value, bool):
+        raise InputError(f"{name}: got {value!r}, want true or false")
+    return value
+
+
+def path_of(name: str, value: object) -> Path:
+    """`value` as a path.
+
+    Raises:
+        InputError: it is no text, or empty.
+    """
+    if not isinstance(value, str | os.PathLike) or not os.fspath(value):
+        raise InputError(f"{name}: got {value!r}, want a path")
+    return Path(value)
 
 
 def number(name: str, value: object, above: float = -math.inf, at_most: float = math.inf) -> float:
@@ -52,5 +81,8 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[A
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)
+    except OSError as error:
+        # A full disk names no file, and a missing folder names the temporary one.
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)

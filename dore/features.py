@@ -36,19 +36,18 @@ def n_planes(encoding: Encoding, with_mask: bool) -> int:
 
 def mirrored_board(board: Tensor, reach: Reach) -> Tensor:
     """Int64[B, W]: each board mirrored about the robot's x axis; the layout must have a mirror."""
-    return boards.pack(boards.unpack(board, reach.n_cells)[..., _mirror(reach, board)])
+    return boards.pack(boards.unpack(board, reach.n_cells)[..., _mirror(reach)])
 
 
 def mirrored_cell(cell: Tensor, reach: Reach) -> Tensor:
     """Int64[...]: each cell's mirror image; the layout must have a mirror."""
-    return _mirror(reach, cell)[cell]
+    return _mirror(reach)[cell]
 
 
-def _mirror(reach: Reach, like: Tensor) -> Tensor:
-    mirror = reach.layout.mirror
-    if mirror is None:
+def _mirror(reach: Reach) -> Tensor:
+    if reach.mirror is None:
         raise ValueError("this layout has no mirror image")
-    return mirror.to(like.device)
+    return reach.mirror
 
 
 def slots(board: Tensor, n_slots: int, n_cells: int) -> tuple[Tensor, Tensor]:

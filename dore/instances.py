@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from dore.board import contains, count, pack, unpack
-from dore.errors import InputError, whole
+from dore.errors import InputError, seed_of, whole
 from dore.plan import Scene
 from dore.reach import Reach
 from dore.rules import has_move, retrievable
@@ -68,7 +68,12 @@ class InstanceSet:
         return iter(scenes_of(self.reach, self.batch()))
 
     def first(self, n: int) -> InstanceSet:
-        """The first `n` instances, or all where there are fewer."""
+        """The first `n` instances.
+
+        Raises:
+            InputError: there are fewer.
+        """
+        whole("limit", n, 1, at_most=len(self))
         return InstanceSet(self.reach, *self.batch(slice(n)))
 
     def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
@@ -78,9 +83,9 @@ class InstanceSet:
     @classmethod
     def of_scene(cls, reach: Reach, scene: Scene) -> Batch:
         """A scene as a batch of one; its target may be accessible."""
-        occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool)
+        occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool, device=reach.device)
         occupied[0, list(scene.obstacles)] = True
-        return Batch(pack(occupied), torch.tensor([scene.target]))
+        return Batch(pack(occupied), torch.tensor([scene.target], device=reach.device))
 
     @classmethod
     def generate(cls, reach: Reach, n: int, difficulty: Difficulty, split: str, seed: int) -> InstanceSet:
@@ -199,7 +204,7 @@ class InstanceSplits:
             size = getattr(self, name)
             if name != "train_size" or size is not None:
                 whole(f"instances.{name}", size, 1)
-        whole("instances.seed", self.seed, 0)
+        seed_of("instances.seed", self.seed)
 
     @property
     def difficulty(self) -> Difficulty:

@@ -19,6 +19,10 @@ class Interval:
     high: float
 
 
+UNKNOWN = Interval(math.nan, math.nan, math.nan)
+"""What cannot be told."""
+
+
 def wilson(successes: int, trials: int) -> Interval:
     """A share and its 95 % Wilson score interval; nan without trials."""
     if trials == 0:

@@ -12,6 +12,8 @@ from torch import Tensor
 
 from dore.errors import InputError, number, whole
 
+MAX_CELLS = 1024
+"""The accessibility table grows with the square of the cells."""
 TABLE_CENTRE_M = 0.75
 """How far ahead of the base a regular layout's centre stands unless its front edge is given, metres."""
 
@@ -31,6 +33,7 @@ class Layout:
 
     def __post_init__(self) -> None:
         number("layout.cell_m", self.cell_m, above=0.0)
+        whole("layout: how many cells", len(self.cells), 0, at_most=MAX_CELLS)
         if not self.cells:
             raise InputError("layout.cells: got none, want one centre or more")
         for cell, (x, y) in enumerate(self.cells):
@@ -48,8 +51,9 @@ class Layout:
         Raises:
             InputError: a count below 1, a size that is not finite and positive, a cell behind the base.
         """
-        whole("layout.rows", rows, 1)
-        whole("layout.cols", cols, 1)
+        whole("layout.rows", rows, 1, at_most=MAX_CELLS)
+        whole("layout.cols", cols, 1, at_most=MAX_CELLS)
+        whole("layout.rows x layout.cols", rows * cols, 1, at_most=MAX_CELLS)
         number("layout.cell_m", cell_m, above=0.0)
         if front_m is None:
             front_m = TABLE_CENTRE_M - rows * cell_m / 2

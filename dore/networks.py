@@ -37,8 +37,8 @@ class MLP(nn.Module):
 
     def __init__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int], widths: Sequence[int]) -> None:
         super().__init__()
-        if not widths:
-            raise InputError("network.widths: got none, want one hidden layer or more")
+        if not isinstance(widths, list | tuple) or not widths:
+            raise InputError(f"network.widths: got {widths!r}, want a list of one hidden layer or more")
         sizes = [n_planes * layout.n_cells, *(whole("network.widths", width, 1) for width in widths)]
         layers: list[nn.Module] = [nn.Flatten()]
         for size, width in itertools.pairwise(sizes):

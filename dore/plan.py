@@ -70,7 +70,7 @@ class Plan:
     planning_s: wall seconds spent on this instance (a batch's time is shared out evenly).
     expansions: boards whose successors the planner looked at.
     optimal_moves: the proved fewest moves, where known.
-    reason: why there is no solution, in a few words; empty where the status is solved.
+    reason: why there is no solution, or what a solution took, in a few words; often empty.
     """
 
     status: Status

@@ -17,6 +17,7 @@ from dore import board as boards
 from dore.errors import InputError, number, whole
 from dore.layout import Layout
 
+MAX_SECTORS = 720
 EDGE_RAD = 1e-9
 """A sector that lies this near an obstacle's edge counts as covered, so that rounding never decides."""
 
@@ -55,7 +56,7 @@ class Reach:
         self.layout = layout
         self.clearance_m = number("reach.clearance_m", clearance_m, above=0.0)
         self.half_fan_deg = number("reach.half_fan_deg", half_fan_deg, above=0.0, at_most=180.0)
-        self.n_sectors = whole("reach.n_sectors", n_sectors, 2)
+        self.n_sectors = whole("reach.n_sectors", n_sectors, 2, at_most=MAX_SECTORS)
         self.staging_m = number("reach.staging_m", staging_m, above=-1e-12)
         self.lateral_limit_m = (
             None if lateral_limit_m is None else number("reach.lateral_limit_m", lateral_limit_m, above=0.0)
@@ -64,6 +65,7 @@ class Reach:
             None if max_yaw_deg is None else number("reach.max_yaw_deg", max_yaw_deg, above=0.0, at_most=180.0)
         )
         self.sectors_deg = torch.linspace(-self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64)
+        self.mirror = layout.mirror
         self.lanes = self._allowed_lanes()
         self.blockers = boards.pack(self._covered())
         self._masks = self._undominated()
@@ -91,10 +93,13 @@ class Reach:
         moved.__dict__.update(self.__dict__)
         for name in ("sectors_deg", "lanes", "blockers", "_masks", "_reachable"):
             setattr(moved, name, getattr(self, name).to(device))
+        moved.mirror = None if self.mirror is None else self.mirror.to(device)
         return moved
 
     def compiled(self) -> Reach:
-        """The same reach with its kernel compiled: one fused pass, after seconds spent compiling."""
+        """The same reach with its kernel compiled, for programs that check many boards.
+
+        The first call takes seconds. On some processors the eager kernel is as fast: scripts/bench_world.py tells."""
         fast = object.__new__(Reach)
         fast.__dict__.update(self.__dict__)
         fast._kernel = torch.compile(_free, dynamic=False)

@@ -5,34 +5,45 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.errors import InputError, atomic_write
+from dore.errors import InputError, atomic_write, path_of
 
 CONFIG, METRICS, CHECKPOINT, DONE = "config.yaml", "metrics.csv", "checkpoint.pt", "done.json"
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
-def claim(path: str | os.PathLike[str]) -> Path:
-    """Make a new run folder.
+@contextmanager
+def claimed(path: object, worth: str) -> Iterator[Path]:
+    """A new run folder; it is removed again if the block fails before the file `worth` is there.
+
+    So a run that could not start leaves its name free.
 
     Raises:
         InputError: it exists and holds something.
         OSError: it cannot be made.
     """
-    folder = Path(path)
+    folder = path_of("run_dir", path)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"run_dir: {folder} exists already, want a new one (or resume={folder})")
     folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    try:
+        yield folder
+    except BaseException:
+        if not (folder / worth).exists():
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def write_config(folder: Path, cfg: DictConfig) -> None:
@@ -45,8 +56,8 @@ def write_config(folder: Path, cfg: DictConfig) -> None:
         json.dump(about, file, indent=2)
 
 
-def read_config(folder: str | os.PathLike[str]) -> DictConfig:
-    """The config of a run folder.
+def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) -> DictConfig:
+    """The config of a run folder, which must have the `expected` keys.
 
     Raises:
         InputError: no run folder.
@@ -56,17 +67,23 @@ def read_config(folder: str | os.PathLike[str]) -> DictConfig:
         cfg = OmegaConf.load(path)
     except FileNotFoundError:
         raise InputError(f"resume: {folder} is no run folder, it has no {CONFIG}") from None
-    except (OmegaConfBaseException, ValueError) as error:
-        raise InputError(f"{path}: damaged ({str(error).splitlines()[0]})") from None
-    if not isinstance(cfg, DictConfig):
-        raise InputError(f"{path}: damaged (no mapping)")
-    return cfg
+    except (OmegaConfBaseException, ValueError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: damaged ({' '.join(str(error).split())})") from None
+    missing = [key for key in expected if not isinstance(cfg, DictConfig) or key not in cfg]
+    if missing:
+        raise InputError(f"{path}: damaged or cut off, it lacks {', '.join(missing)}")
+    return cast(DictConfig, cfg)
 
 
 def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
     """Write the file that says a run has ended, and how."""
     with atomic_write(folder / DONE) as file:
         json.dump(result, file, indent=2)
+
+
+def unmark_done(folder: Path) -> None:
+    """A run that goes on has not ended."""
+    (folder / DONE).unlink(missing_ok=True)
 
 
 class MetricsLog:
@@ -95,22 +112,26 @@ class MetricsLog:
     def _rows_until(path: Path, iteration: int) -> list[dict[str, str]]:
         if not path.exists():
             return []
-        with open(path, encoding="utf-8", newline="") as file:
+        with open(path, encoding="utf-8", errors="replace", newline="") as file:
             rows = list(csv.DictReader(file))
         return [row for row in rows if (row["iteration"] or "").isdigit() and int(row["iteration"]) <= iteration]
 
 
 def commit() -> str | None:
-    """The commit of the checkout that this package runs from, if it does."""
-    try:
-        done = subprocess.run(
-            ["git", "describe", "--always", "--dirty"],
+    """The commit of the checkout that this file is tracked in, if it is in one."""
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(
+            ["git", *arguments],
             cwd=Path(__file__).parent,
             capture_output=True,
             text=True,
             timeout=5,
             check=True,
-        )
+        ).stdout.strip()
+
+    try:
+        git("ls-files", "--error-unmatch", Path(__file__).name)
+        return git("describe", "--always", "--dirty")
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip()

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from dore.build import MODEL, agent_of, call, make, reach_of, splits_of, use_threads
 from dore.checkpoint import MODEL_NAME, save_checkpoint, save_model
 from dore.curves import draw_learning_curve
-from dore.errors import number, whole
+from dore.errors import InputError, number, seed_of, whole
 from dore.performance import TestResult
 from dore.run_folder import CHECKPOINT, METRICS, MetricsLog, mark_done
 from dore.training import Diverged, Ending, Progress, Trainer
@@ -41,8 +41,15 @@ CURVE = "learning_curve.png"
 
 def trainer_of(cfg: DictConfig) -> Trainer:
     """A training run's parts; seeds torch's generator, which weights, exploration and sampling draw from."""
-    whole("seed", cfg.seed, 0)
-    whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
+    seed_of("seed", cfg.seed)
+    whole("log_every", cfg.log_every, 1)
+    number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
+    capacity = whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
+    starts = whole("training.learning_starts", cfg.training.learning_starts, 1)
+    if starts > capacity:
+        raise InputError(f"training.learning_starts: {starts} is more than buffer.storage.max_size {capacity} holds")
+    if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
+        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
     use_threads(cfg.threads)
     reach = reach_of(cfg, cfg.device)
     splits = splits_of(cfg, reach)
@@ -73,8 +80,8 @@ class Session:
 
     def __init__(self, trainer: Trainer, folder: Path, cfg: DictConfig, resumed: bool) -> None:
         self.trainer, self.folder = trainer, folder
-        self.log_every = whole("log_every", cfg.log_every, 1)
-        self.checkpoint_s = 60 * number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
+        self.log_every: int = cfg.log_every
+        self.checkpoint_s = 60 * cfg.checkpoint_minutes
         plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
         self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
         progress = trainer.progress
@@ -102,15 +109,27 @@ class Session:
             for number_, handler in before.items():
                 signal.signal(number_, handler)
             self.bar.close()
-            self.metrics.close()
         self._save_checkpoint()
+        self._conclude(ending)
+        self.metrics.close()
+        draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
+        return ending
+
+    def _conclude(self, ending: Ending) -> None:
+        """Keep the right model and say how the run ended.
+
+        A budget's end is tested after the checkpoint is written: a larger budget goes on from it as if this test
+        had never been.
+        """
         progress = self.trainer.progress
+        if ending is Ending.BUDGET:
+            tested = self.trainer.run_test()
+            self._keep_best(tested)
+            self._log(progress, tested)
         if ending is Ending.PASSED or not (self.folder / MODEL_NAME).exists():
             self._save_model()
-        draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
         if ending is not Ending.INTERRUPTED:
             mark_done(self.folder, {"ending": str(ending), **asdict(progress)})
-        return ending
 
     def _ask_to_stop(self, signum: int, frame: FrameType | None) -> None:
         """Stop after this iteration; a second Ctrl-C stops at once."""
@@ -119,13 +138,17 @@ class Session:
 
     def _report(self, progress: Progress, tested: TestResult | None) -> None:
         self.bar.n = progress.episodes
-        if tested is not None and tested.success >= progress.best_success:
-            progress.best_success = tested.success
-            self._save_model()
+        if tested is not None:
+            self._keep_best(tested)
         if tested is not None or progress.iteration % self.log_every == 0:
             self._log(progress, tested)
         if time.perf_counter() - self._saved_at > self.checkpoint_s:
             self._save_checkpoint()
+
+    def _keep_best(self, tested: TestResult) -> None:
+        if tested.success >= self.trainer.progress.best_success:
+            self.trainer.progress.best_success = tested.success
+            self._save_model()
 
     def _log(self, progress: Progress, tested: TestResult | None) -> None:
         now, steps = time.perf_counter(), progress.env_steps

@@ -19,11 +19,11 @@ SPLITS = {"train": (0.0, 0.7), "validation": (0.7, 0.85), "test": (0.85, 1.0)}
 def split_share(board: Tensor, reach: Reach) -> Tensor:
     """Float64[B]: each board's place in [0, 1), the same for a board and its mirror image (splitmix64)."""
     share = _hash(board)
-    if reach.layout.mirror is not None:
-        mirrored = unpack(board, reach.n_cells)[:, reach.layout.mirror.to(board.device)]
+    if reach.mirror is not None:
+        mirrored = unpack(board, reach.n_cells)[:, reach.mirror]
         share = torch.minimum(share, _hash(pack(mirrored)))
     # The lower of two uniform numbers is not uniform: 1 - (1 - u)^2 is.
-    return 1 - (1 - share) ** 2 if reach.layout.mirror is not None else share
+    return 1 - (1 - share) ** 2 if reach.mirror is not None else share
 
 
 def _hash(board: Tensor) -> Tensor:

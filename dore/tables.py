@@ -9,7 +9,7 @@ from statistics import stdev
 
 from dore.errors import InputError
 from dore.evaluation import Row
-from dore.intervals import Interval, mean_interval, percentile, wilson
+from dore.intervals import UNKNOWN, Interval, mean_interval, percentile, wilson
 from dore.plan import Status
 
 
@@ -17,7 +17,8 @@ from dore.plan import Status
 class Summary:
     """One planner over all rows.
 
-    success: of all instances. success_of_solvable: of those no planner proved unsolvable.
+    success: of all instances. success_of_solvable: of those that can be solved; nan unless the planners together
+        solved, or proved unsolvable, every instance.
     moves, moves_sd: rearrangements over the instances it solved; planning_*_ms: over all instances.
     """
 
@@ -58,6 +59,8 @@ def summarise(rows: Sequence[Row]) -> list[Summary]:
     """
     groups = _by_planner(rows)
     unsolvable = {row.instance for row in rows if row.status is Status.UNSOLVABLE}
+    solvable = {row.instance for row in rows if row.status is Status.SOLVED}
+    decided = unsolvable | solvable == {row.instance for row in rows}
     summaries = []
     for planner, group in groups.items():
         solved = [row for row in group.values() if row.status is Status.SOLVED]
@@ -69,7 +72,7 @@ def summarise(rows: Sequence[Row]) -> list[Summary]:
                 len(group),
                 len(solved),
                 wilson(len(solved), len(group)),
-                wilson(len(solved), len(group) - len(unsolvable)),
+                wilson(len(solved), len(solvable)) if decided and solvable else UNKNOWN,
                 mean_interval(moves),
                 stdev(moves) if len(moves) > 1 else math.nan,
                 percentile(taken_ms, 50),

@@ -142,24 +142,28 @@ class Trainer:
         while True:
             shown, finished = self._collect(shown)
             self._learn()
-            tests_due = progress.episodes // self.test.every_episodes
+            tests_before = progress.episodes // self.test.every_episodes
             progress.episodes += finished
             progress.iteration += 1
             progress.seconds = time.perf_counter() - before
-            spent = self._spent()
-            tested = None
-            if spent or progress.episodes // self.test.every_episodes > tests_due:
-                tested = self.test.run(self.agent.policy)
-                progress.success, progress.rearrangements = tested.success, tested.rearrangements
+            due = progress.episodes // self.test.every_episodes > tests_before
+            tested = self.run_test() if due else None
             report(progress, tested)
             if tested is not None and tested.passed and progress.episodes >= self.budget.min_episodes:
                 return Ending.PASSED
-            if spent:
+            if self.spent():
                 return Ending.BUDGET
             if stop():
                 return Ending.INTERRUPTED
 
-    def _spent(self) -> bool:
+    def run_test(self) -> TestResult:
+        """An IPT of the greedy policy as it is now."""
+        tested = self.test.run(self.agent.policy)
+        self.progress.success, self.progress.rearrangements = tested.success, tested.rearrangements
+        return tested
+
+    def spent(self) -> bool:
+        """Whether the episodes or minutes are used up."""
         minutes = self.budget.max_minutes
         out_of_time = minutes is not None and self.progress.seconds >= 60 * minutes
         return out_of_time or self.progress.episodes >= self.budget.max_episodes
@@ -221,7 +225,7 @@ class Trainer:
         self.targets.load_state_dict(state["targets"])
         load_buffer(self.buffer, state["buffer"])
         self.env.load_state_dict(state["env"])
-        self.test.generator.set_state(state["ipt_generator"].cpu())
-        torch.set_rng_state(state["rng"].cpu())
+        self.test.generator.set_state(state["ipt_generator"])
+        torch.set_rng_state(state["rng"])
         if state["cuda_rng"] and torch.cuda.is_available():
-            torch.cuda.set_rng_state_all([rng.cpu() for rng in state["cuda_rng"]])
+            torch.cuda.set_rng_state_all(state["cuda_rng"])

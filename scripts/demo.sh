@@ -11,6 +11,8 @@ out=${OUT:-outputs/demo}
 SECONDS=0
 
 if [ -e "$out" ]; then
+    # Only what a demo has made is removed.
+    [ -f "$out/train/config.yaml" ] || { echo "demo.sh: $out is no demo's folder, want another OUT" >&2; exit 2; }
     echo "== the demo's last run in $out is replaced"
     rm -rf "$out"
 fi
@@ -22,7 +24,11 @@ echo "== 2/4 evaluate: $limit test instances, beside the straight-line baseline"
 "$bin/dore-evaluate" model="$out/train" run_dir="$out/evaluate" limit="$limit"
 
 echo "== 3/4 plan: the scene of the paper's Fig. 7; the plan is replayed before it is written"
-"$bin/dore-plan" model="$out/train" scene=conf/scenes/fig7.json out="$out/plan.json"
+"$bin/dore-plan" model="$out/train" scene=conf/scenes/fig7.json out="$out/plan.json" || {
+    code=$?
+    echo "demo.sh: no plan for this scene (exit code $code); train longer" >&2
+    exit "$code"
+}
 
 echo "== 4/4 execute: the plan on the simulated arm"
 executed=0

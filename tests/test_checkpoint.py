@@ -13,7 +13,7 @@ PARTS = {"progress": {"iteration": 3, "loss": 0.5}, "weights": {"a": torch.arang
 
 def test_checkpoint_round_trip(tmp_path):
     save_checkpoint(tmp_path / "c.pt", PARTS)
-    again = load_checkpoint(tmp_path / "c.pt", "cpu")
+    again = load_checkpoint(tmp_path / "c.pt")
     assert again["progress"] == PARTS["progress"]
     assert torch.equal(again["weights"]["a"], torch.arange(4.0))
     assert [path.name for path in tmp_path.iterdir()] == ["c.pt"]
@@ -38,18 +38,18 @@ def test_cut_off_files(tmp_path, share, kind):
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
     with pytest.raises(InputError, match="cut off or damaged") as caught:
-        load_checkpoint(path, "cpu") if kind == "checkpoint" else load_model(path)
+        load_checkpoint(path) if kind == "checkpoint" else load_model(path)
     assert "\n" not in str(caught.value)
 
 
 def test_files_of_another_kind(tmp_path):
     torch.save({"a": 1}, tmp_path / "other.pt")
     with pytest.raises(InputError, match="no checkpoint of this program"):
-        load_checkpoint(tmp_path / "other.pt", "cpu")
+        load_checkpoint(tmp_path / "other.pt")
     with pytest.raises(InputError, match="no such file"):
         load_model(tmp_path)
     with pytest.raises(InputError, match="no such file"):
-        load_checkpoint(tmp_path / "none.pt", "cpu")
+        load_checkpoint(tmp_path / "none.pt")
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path):

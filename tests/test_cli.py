@@ -53,6 +53,19 @@ def said(capsys) -> str:
         (["threads=0"], "threads: got 0"),
         (["ipt.batch_size=6000"], "ipt.batch_size: 6000 instances from a validation split of 5000"),
         (["resume=/nowhere"], "resume: /nowhere is no run folder"),
+        (["agent.gama=1", "agent.foo=2"], "agent.gama: no such key"),
+        (["agent.double=abc"], "agent.double: got 'abc', want true or false"),
+        (["agent.symmetry=maybe"], "agent.symmetry: got 'maybe'"),
+        (["agent=single", "agent.n_slots=2"], "agent.n_slots: 2 is below max_obstacles 7"),
+        (["network.widths=5"], "network.widths: got 5, want a list"),
+        (["buffer.storage.max_size=1000"], "learning_starts: 2000 is more than buffer.storage.max_size 1000 holds"),
+        (["log_every=0"], "log_every: got 0"),
+        (["checkpoint_minutes=-1"], "checkpoint_minutes: got -1"),
+        (["seed=100000000000000000000"], "seed: got 100000000000000000000, want 4294967295 at most"),
+        (["ipt.seed=abc"], "ipt.seed: got 'abc'"),
+        (["device=null"], "device: got None"),
+        (["layout.rows=100", "layout.cols=100"], "want 1024 at most"),
+        (["reach.n_sectors=100000"], "reach.n_sectors: got 100000, want 720 at most"),
     ],
 )
 def test_bad_training_config(tmp_path, capsys, overrides, says):
@@ -80,6 +93,56 @@ def test_resume_refuses_other_changes_and_damaged_checkpoints(model, tmp_path, c
     assert "checkpoint.pt: cut off or damaged" in said(capsys)
 
 
+def test_a_checkpoint_of_another_layout(model, tmp_path, capsys):
+    other = tmp_path / "other"
+    assert run("train", [*TINY, "layout.cols=4", f"run_dir={other}"]) == 0
+    capsys.readouterr()
+    (other / "checkpoint.pt").write_bytes((model / "checkpoint.pt").read_bytes())
+    assert run("train", [f"resume={other}", "training.max_episodes=300"]) == 2
+    assert "checkpoint.pt: of another layout, network or version" in said(capsys)
+
+
+@pytest.mark.parametrize("text", ["a: [", "", "seed: 1", "\x00"])
+def test_a_damaged_config(tmp_path, capsys, text):
+    (tmp_path / "config.yaml").write_text(text)
+    assert run("train", [f"resume={tmp_path}"]) == 2
+    assert "config.yaml: damaged" in said(capsys)
+
+
+def test_a_damaged_model(model, tmp_path, capsys):
+    data = (model / "model.safetensors").read_bytes()
+    for old, new in ((b'\\"agent\\"', b'\\"agenx\\"'), (b'\\"layout\\"', b'\\\\layout\\"')):
+        assert old in data
+        (tmp_path / "m.safetensors").write_bytes(data.replace(old, new, 1))
+        assert run("evaluate", [f"model={tmp_path / 'm.safetensors'}", f"run_dir={tmp_path / 'e'}"]) == 2
+        said(capsys)
+
+
+def test_a_run_that_cannot_start_leaves_its_name_free(tmp_path, capsys):
+    assert run("train", [*TINY, "logger=wandb", f"run_dir={tmp_path / 'run'}"]) == 2
+    said(capsys)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "overrides", "says"),
+    [
+        ("train", ["run_dir=null"], "run_dir: got None, want a path"),
+        ("plan", ["out=null"], "out: got None, want a path"),
+        ("plan", ["scene=null"], "scene: got None, want a path"),
+        ("plan", ["model=5"], "model: got 5, want a path"),
+        ("execute", ["plan=null"], "plan: got None, want a path"),
+        ("execute", ["plan=x", "seed=5000000000"], "seed: got 5000000000"),
+        ("execute", ["plan=/no/plan.json"], "/no/plan.json: no such file"),
+        ("execute", ["plan=x", "video=on"], "video: got 'on', want auto or off"),
+    ],
+)
+def test_missing_values(model, capsys, command, overrides, says):
+    more = [f"model={model}"] if command == "plan" and not overrides[0].startswith("model=") else []
+    assert run(command, [*(TINY if command == "train" else ()), *more, *overrides]) == 2
+    assert says in said(capsys)
+
+
 def test_a_disk_that_refuses(model, capsys):
     assert run("plan", [f"model={model}", "out=/proc/plan.json"]) == 2
     assert "/proc" in said(capsys)
@@ -87,7 +150,7 @@ def test_a_disk_that_refuses(model, capsys):
 
 def test_a_full_disk(model, tmp_path, capsys, monkeypatch):
     def full(*args, **kwargs):
-        raise OSError(28, "No space left on device", str(tmp_path / "plan.json"))
+        raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
     assert run("plan", [f"model={model}", f"out={tmp_path / 'plan.json'}"]) == 2
@@ -113,6 +176,7 @@ def test_evaluate_writes_rows_and_prints_a_table(model, tmp_path, capsys):
         (["split=train"], "split: got 'train', want test or validation"),
         (["timing=x"], "timing: got 'x', want one of single, batched"),
         (["limit=0"], "limit: got 0"),
+        (["limit=21"], "limit: got 21, want 20 at most"),
         (["layout=6x6"], "this one is {'rows': 6, 'cols': 6"),
         (["planner.learned.max_moves=0"], "no such key"),
         (["planners.learned.max_moves=0"], "max_moves: got 0"),

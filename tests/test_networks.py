@@ -52,7 +52,7 @@ def test_conv_refuses_an_irregular_layout():
 @pytest.mark.parametrize(
     ("network", "says"),
     [
-        (partial(MLP, widths=[]), "network.widths: got none"),
+        (partial(MLP, widths=[]), r"network.widths: got \[\]"),
         (partial(MLP, widths=[4, 0]), "network.widths: got 0"),
         (partial(ConvNet, channels=0, blocks=1), "network.channels: got 0"),
         (partial(ConvNet, channels=4, blocks="2"), "network.blocks: got '2'"),

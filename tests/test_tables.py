@@ -70,6 +70,13 @@ def test_what_one_planner_proves_unsolvable_counts_against_none() -> None:
     assert (first.success.value, first.success_of_solvable.value) == (0.5, 1.0)
 
 
+def test_success_of_solvable_is_not_told_while_an_instance_is_undecided() -> None:
+    first, second = summarise([row("a", 1, 2), row("a", 2, None), row("b", 1, 1), row("b", 2, None)])
+    assert math.isnan(first.success_of_solvable.value)
+    first, second = summarise([row("a", 1, 2), row("a", 2, None), row("b", 1, 1), row("b", 2, 3)])
+    assert (first.success_of_solvable.value, second.success_of_solvable.value) == (0.5, 1.0)
+
+
 def test_a_comparison_uses_the_instances_that_all_solved() -> None:
     rows = [row("a", n, moves) for n, moves in enumerate([1, 2, 3, 2, None], 1)]
     rows += [row("b", n, moves) for n, moves in enumerate([2, 4, 4, None, 9], 1)]

@@ -15,6 +15,7 @@ import torch
 
 from dore import session
 from dore.checkpoint import load_checkpoint, load_model
+from dore.cli import short_name
 from dore.errors import InputError
 from dore.training import Budget, LinearEpsilon
 from tests.commands import TINY, run
@@ -43,7 +44,7 @@ def same(a: object, b: object) -> bool:
 def test_same_seed_same_run_and_another_seed_another(tmp_path, agent):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         assert run("train", [*TINY, f"agent={agent}", f"seed={seed}", f"run_dir={tmp_path / name}"]) == 0
-    checkpoints = [load_checkpoint(tmp_path / name / "checkpoint.pt", "cpu") for name in "abc"]
+    checkpoints = [load_checkpoint(tmp_path / name / "checkpoint.pt") for name in "abc"]
     assert same(checkpoints[0], checkpoints[1])
     assert not same(checkpoints[0]["loss"], checkpoints[2]["loss"])
     assert metrics(tmp_path / "a") == metrics(tmp_path / "b")
@@ -54,13 +55,52 @@ def test_stop_and_resume_equals_uninterrupted(tmp_path, train_size):
     common = [*TINY, f"instances.train_size={train_size}"]
     assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
     assert run("train", [*common, f"run_dir={tmp_path / 'parts'}", "training.max_episodes=70"]) == 0
-    # The test that ends the short budget is the one thing the whole run does not do: undo its draws.
     assert run("train", [f"resume={tmp_path / 'parts'}", "training.max_episodes=150"]) == 0
-    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt", "cpu") for name in ("whole", "parts"))
-    for name in ("loss", "optimizer", "targets", "buffer", "env", "rng"):
-        assert same(whole[name], parts[name]), name
-    losses = [[row["loss"] for row in metrics(tmp_path / name)] for name in ("whole", "parts")]
-    assert losses[0] == losses[1]
+    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
+    assert same(whole, parts)
+    # The short budget's end was tested and logged; that row is the one thing the whole run does not have.
+    of_whole, of_parts = metrics(tmp_path / "whole"), metrics(tmp_path / "parts")
+    assert [row for row in of_parts if row in of_whole] == of_whole
+    assert len(of_parts) == len(of_whole) + 1
+
+
+@pytest.mark.parametrize("options", [["agent=single"], ["target_update=hard", "agent.chain=literal"]])
+def test_interrupt_and_resume_equals_uninterrupted(tmp_path, options, monkeypatch):
+    report = session.Session._report
+
+    def interrupted(self, progress, tested):
+        report(self, progress, tested)
+        if progress.iteration == 9:
+            self._ask_to_stop(signal.SIGINT, None)
+
+    common = [*TINY, *options, "training.max_episodes=100", "ipt.every_episodes=30"]
+    assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(session.Session, "_report", interrupted)
+        assert run("train", [*common, f"run_dir={tmp_path / 'parts'}"]) == 130
+    assert run("train", [f"resume={tmp_path / 'parts'}"]) == 0
+    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
+    assert same(whole, parts)
+    assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")
+    assert same(load_model(tmp_path / "whole"), load_model(tmp_path / "parts"))
+
+
+def test_resume_keeps_what_it_is_told_and_spends_no_more(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert run("train", [*TINY, f"run_dir={folder}"]) == 0
+    assert run("train", [f"resume={folder}", "training.max_episodes=190"]) == 0
+    before = (folder / "metrics.csv").read_bytes()
+    assert run("train", [f"resume={folder}"]) == 0
+    assert "are spent" in capsys.readouterr().out
+    assert (folder / "metrics.csv").read_bytes() == before
+
+
+def test_a_moved_run_logs_where_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("train", [*TINY, "logger=tensorboard", "run_dir=here"]) == 0
+    (tmp_path / "here").rename(tmp_path / "there")
+    assert run("train", ["resume=there", "training.max_episodes=190"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"there"}
 
 
 def start(folder, *more: str) -> subprocess.Popen[bytes]:
@@ -78,7 +118,7 @@ def test_ctrl_c_leaves_a_checkpoint_and_says_how_to_go_on(tmp_path):
     process = start(tmp_path / "run")
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 130
-    stopped_at = load_checkpoint(tmp_path / "run" / "checkpoint.pt", "cpu")["progress"]["iteration"]
+    stopped_at = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["progress"]["iteration"]
     assert int(metrics(tmp_path / "run")[-1]["iteration"]) == stopped_at
     assert not (tmp_path / "run" / "done.json").exists()
 
@@ -88,11 +128,13 @@ def test_kill_9_resumes_from_the_last_checkpoint(tmp_path):
     process = start(folder)
     os.kill(process.pid, signal.SIGKILL)
     process.wait(60)
-    progress = load_checkpoint(folder / "checkpoint.pt", "cpu")["progress"]
+    progress = load_checkpoint(folder / "checkpoint.pt")["progress"]
     more = f"training.max_episodes={progress['episodes'] + 60}"
     assert run("train", [f"resume={folder}", more]) == 0
     iterations = [int(row["iteration"]) for row in metrics(folder)]
-    assert iterations == sorted(set(iterations)), "no row is there twice"
+    *rows, closing = iterations  # The budget's end is tested, and has a row of its own.
+    assert rows == sorted(set(rows)), "no row is there twice"
+    assert closing == rows[-1]
     assert iterations[-1] > progress["iteration"]
     assert not list(folder.glob(".*tmp*"))
 
@@ -138,6 +180,17 @@ def test_a_sweep_gives_each_job_its_own_folder(tmp_path):
     folders = [path.parent for path in tmp_path.glob("*/done.json")]
     assert len(folders) == 2
     assert all(len(folder.name) <= 120 for folder in folders)
+
+
+def test_a_sweep_goes_on_after_a_broken_job(tmp_path):
+    assert run("train", ["-m", *TINY, "agent.gamma=5,0.8", f"hydra.sweep.dir={tmp_path}"]) == 2
+    (done,) = tmp_path.glob("*/done.json")
+    assert "gamma=0.8" in done.parent.name
+
+
+def test_short_names_differ(tmp_path):
+    folders = [tmp_path / short_name("a" * 200 + end) for end in "xy"]
+    assert folders[0] != folders[1]
 
 
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):

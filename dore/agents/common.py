@@ -13,7 +13,7 @@ from torchrl.modules import EGreedyModule, QValueModule
 from torchrl.objectives.common import LossModule
 
 from dore import keys
-from dore.errors import InputError, number
+from dore.errors import InputError, flag, number
 from dore.features import Encoding, mirrored_board, mirrored_cell
 from dore.losses import MaskMode, masked
 from dore.reach import Reach
@@ -45,10 +45,11 @@ def one_of(name: str, value: str, options: object) -> None:
 
 
 def check_hyperparameters(
-    gamma: float, mask_mode: str, encoding: str, loss_function: str, symmetry: bool, reach: Reach
+    gamma: float, double: bool, mask_mode: str, encoding: str, loss_function: str, symmetry: bool, reach: Reach
 ) -> None:
     """Raise InputError for a value outside its domain."""
-    if symmetry and reach.layout.mirror is None:
+    flag("agent.double", double)
+    if flag("agent.symmetry", symmetry) and reach.mirror is None:
         raise InputError("agent.symmetry: true, but this layout has no mirror image; want false")
     number("agent.gamma", gamma, above=0.0, at_most=1.0)
     one_of("agent.mask_mode", mask_mode, MaskMode)

@@ -50,7 +50,7 @@ class Sequential:
         loss_function: str,
         symmetry: bool,
     ) -> None:
-        check_hyperparameters(gamma, mask_mode, encoding, loss_function, symmetry, reach)
+        check_hyperparameters(gamma, double, mask_mode, encoding, loss_function, symmetry, reach)
         one_of("agent.chain", chain, Chain)
         self.reach, self.encoding, self.mask_mode = reach, encoding, mask_mode
         self.chain, self.symmetry = chain, symmetry

@@ -14,7 +14,7 @@ from dore.features import Encoding, encode, n_planes, slot_of, slots
 from dore.losses import Heads, MaskMode, SingleLoss
 from dore.networks import NetworkFactory
 from dore.reach import Reach
-from dore.rules import legal_places, pickable, placeable
+from dore.rules import legal_moves, legal_places, pickable
 
 _SEEN = ("pick", keys.OBSERVATION)
 _SLOT_CELLS = ("pick", "slot_cells")
@@ -56,7 +56,7 @@ class Single:
         loss_function: str,
         symmetry: bool,
     ) -> None:
-        check_hyperparameters(gamma, mask_mode, encoding, loss_function, symmetry, reach)
+        check_hyperparameters(gamma, double, mask_mode, encoding, loss_function, symmetry, reach)
         one_of("agent.heads", heads, Heads)
         self.reach, self.encoding, self.mask_mode, self.symmetry = reach, encoding, mask_mode, symmetry
         self.n_slots = whole("agent.n_slots", n_slots, 1)
@@ -128,10 +128,10 @@ class Single:
 
     def _entry(self, board: Tensor, target: Tensor) -> TensorDict:
         """What the network sees of a board, and the masks of its two heads."""
-        seen, _, slot_mask = self._see(board, target, pickable(self.reach, board, target))
-        place_mask = placeable(self.reach, board, target)
-        if self.mask_mode == "literal":
-            place_mask = torch.ones_like(place_mask)
+        legal = legal_moves(self.reach, board, target, board[:, None])
+        seen, _, slot_mask = self._see(board, target, legal.pick)
+        # Which pick a place goes with is not known here: a place counts that is open whatever is lifted.
+        place_mask = legal.place if self.mask_mode == "legal" else torch.ones_like(legal.place)
         return TensorDict(
             {"pick": {keys.OBSERVATION: seen, "slot_mask": slot_mask}, "place": {"mask": place_mask}},
             batch_size=board.shape[:1],

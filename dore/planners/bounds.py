@@ -1,32 +1,24 @@
 """How many moves a target is away at least, lane by lane; what `Exact` prunes with.
 
-N denotes boards, D the different lanes of a target, W the words of a board, G the cells.
+N denotes boards, D the different lanes of a cell, W the words of a board, G the cells.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from dore import board as boards
+from dore.planners.layers import distinct
 from dore.reach import Reach
 from dore.rules import pickable, retrievable
 
-
-def target_lanes(reach: Reach) -> Tensor:
-    """Int64[G, D, W]: for each cell, the sets of cells that must be empty for one of its lanes to be free.
-
-    A set that contains another is left out: its lane is free only where the other one is. Cells with fewer than D
-    sets repeat one; a cell that no lane leads to has the full board.
-    """
-    closed = boards.pack(torch.ones(1, reach.n_cells, dtype=torch.bool))
-    kept: list[Tensor] = []
-    for cell in range(reach.n_cells):
-        sets = boards.unpack(reach.blockers[cell][reach.lanes[cell]].cpu(), reach.n_cells).unique(dim=0)
-        contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
-        kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
-    most = max(len(sets) for sets in kept)
-    return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept]).to(reach.device)
+MAX_SPARE = 4
+"""Lanes with more moves to spare are taken for open, untested: they nearly always are."""
+MAX_WAYS = 32768
+"""Where more ways than this turn up in a test, what is still untested is taken for open."""
 
 
 def popcount(words: Tensor) -> Tensor:
@@ -40,55 +32,111 @@ def popcount(words: Tensor) -> Tensor:
     return x[..., 0] if x.shape[-1] == 1 else x.sum(-1)
 
 
-def peeled(reach: Reach, board: Tensor, target: Tensor, among: Tensor) -> Tensor:
-    """The boards left when obstacles of `among` vanish as soon as the hand can get to them, until none can.
+class _Ways(NamedTuple):
+    """Ways to free a lane that are being tried, M of them."""
 
-    This is the delete relaxation of planning (Hoffmann and Nebel, 2001): nothing that vanishes ever stands in the
-    way again, and taking one more off never closes a lane, so the order does not matter.
+    case: Tensor
+    """Int64[M]: which lane of which board."""
+    board: Tensor
+    wanted: Tensor
+    """Int64[M, W]: what has to go yet."""
+    spare: Tensor
+    """Int64[M]: how many more may be wanted."""
 
-    Args:
-        board, among: Int64[N, W]; target: Int64[N].
 
-    Returns:
-        Int64[N, W].
+class DeleteRelaxation:
+    """Rearranging with moved obstacles vanishing (the delete relaxation; Hoffmann and Nebel, 2001).
+
+    Nothing that has vanished stands in the way, and one vanishing more never closes a lane: whatever a plan of m
+    moves opens, the obstacles it moves open by vanishing, in the order of their first moves. So the fewest vanishings
+    that free the target, h+, are an admissible bound; it is consistent too, since a move and what has to vanish
+    after it make up what may vanish before it. Each lane of the target is bounded by itself: h+ is their least.
     """
-    while True:
-        gone = boards.pack(pickable(reach, board, target)) & among
-        if not bool(gone.any()):
-            return board
-        board = board & ~gone
-        among = among & ~gone
+
+    def __init__(self, reach: Reach) -> None:
+        self.reach = reach
+        self.sets = _lane_sets(reach)
+
+    def lanes_of(self, target: Tensor) -> Tensor:
+        """Int64[N, D, W]: the sets of cells that must be empty for a lane to Int64[N] targets to be free."""
+        return self.sets[target]
+
+    def locked(self, board: Tensor, target: Tensor) -> Tensor:
+        """Bool[N]: no plan opens the target, because what blocks it can never be reached.
+
+        The converse does not hold: room may be lacking.
+        """
+        return ~retrievable(self.reach, self._peeled(board, target, board), target)
+
+    def open_lanes(self, board: Tensor, target: Tensor, lanes: Tensor, blocking: Tensor, budget: int) -> Tensor:
+        """Which lanes of the target may be freed within `budget` moves; False is a proof that this one may not.
+
+        All k obstacles on a lane have to go, which leaves budget - k to spare. Those that the hand gets to vanish,
+        until none of the wanted ones can. The first of these that goes then does so by one of its lanes: what stands
+        there is wanted too, and is taken from what is to spare. All such choices are tried. A lane that another
+        wanted obstacle or the target stands on is none: that obstacle would not be the first.
+
+        Args:
+            board: Int64[N, W]; target: Int64[N]; lanes: `lanes_of(target)`.
+            blocking: Int64[N, D]: k of each lane.
+
+        Returns:
+            Bool[N, D].
+        """
+        is_open = blocking < budget - MAX_SPARE
+        row, lane = ((blocking <= budget) & ~is_open).nonzero(as_tuple=True)
+        case = torch.arange(len(row), device=row.device)
+        ways = _Ways(case, board[row], board[row] & lanes[row, lane], budget - blocking[row, lane])
+        while len(ways.case):
+            left = self._peeled(ways.board, target[row[ways.case]], ways.wanted)
+            wanted = ways.wanted & left
+            freed = ways.case[(wanted == 0).all(-1)]
+            is_open[row[freed], lane[freed]] = True
+            untried = (ways.spare > 0) & ~is_open[row[ways.case], lane[ways.case]]
+            ways = _Ways(*(field[untried] for field in (ways.case, left, wanted, ways.spare)))
+            if len(ways.case) > MAX_WAYS:
+                is_open[row[ways.case], lane[ways.case]] = True
+                break
+            ways = self._branches(ways, target[row[ways.case]])
+        return is_open
+
+    def _branches(self, ways: _Ways, target: Tensor) -> _Ways:
+        """For each obstacle that is wanted, and each of its lanes, the way that frees it first."""
+        way, cell = boards.unpack(ways.wanted, self.reach.n_cells).nonzero(as_tuple=True)
+        sets = self.sets[cell]
+        others = ways.wanted | boards.bit(target, ways.board.shape[-1])
+        blockers = sets & ways.board[way, None]
+        cost = popcount(blockers)
+        possible = (cost <= ways.spare[way, None]) & ((sets & others[way, None]) == 0).all(-1)
+        at, lane = possible.nonzero(as_tuple=True)
+        way = way[at]
+        wanted = ways.wanted[way] | blockers[at, lane]
+        order, first = distinct(torch.cat([wanted, ways.board[way]], -1), ways.case[way])
+        kept = order[first]
+        way = way[kept]
+        return _Ways(ways.case[way], ways.board[way], wanted[kept], ways.spare[way] - cost[at, lane][kept])
+
+    def _peeled(self, board: Tensor, target: Tensor, among: Tensor) -> Tensor:
+        """Int64[N, W]: the boards left when obstacles of `among` vanish as the hand gets to them, until none can."""
+        while True:
+            gone = boards.pack(pickable(self.reach, board, target)) & among
+            if not bool(gone.any()):
+                return board
+            board = board & ~gone
+            among = among & ~gone
 
 
-def locked(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
-    """Bool[N]: no plan opens the target, because what blocks it can never be reached.
+def _lane_sets(reach: Reach) -> Tensor:
+    """Int64[G, D, W]: for each cell, the sets of cells that must be empty for one of its lanes to be free.
 
-    Proof: let U be what `peeled` leaves of the board. Each lane to an obstacle of U meets another one of U, or the
-    target. The first of U to move would need a free lane while all of U still stands: none ever moves, and U
-    blocks the target. (The converse does not hold: room may be lacking.)
+    A set that contains another is left out: its lane is free only where the other one is. Cells with fewer than D
+    sets repeat one; a cell that no lane leads to has the full board.
     """
-    return ~retrievable(reach, peeled(reach, board, target, board), target)
-
-
-def open_lanes(reach: Reach, board: Tensor, target: Tensor, lanes: Tensor, blocking: Tensor, budget: int) -> Tensor:
-    """Which lanes of the target may be freed within `budget` moves; False is a proof that this one may not.
-
-    A lane with k obstacles needs k moves, each of another one of them. It needs k + 1 where those k are not
-    enough: with exactly k moves no other obstacle moves, so the k must go one after the other, each by a lane
-    that is free once those before it are gone. Where even `peeled`, which puts them nowhere, cannot do that, no
-    sequence of k moves can.
-
-    Args:
-        board: Int64[N, W]; target: Int64[N]; lanes: Int64[N, D, W] of the targets.
-        blocking: Int64[N, D]: k of each lane.
-
-    Returns:
-        Bool[N, D].
-    """
-    is_open = blocking < budget
-    row, lane = (blocking == budget).nonzero(as_tuple=True)
-    if len(row):
-        among = board[row] & lanes[row, lane]
-        left = peeled(reach, board[row], target[row], among) & among
-        is_open[row, lane] = (left == 0).all(-1)
-    return is_open
+    closed = boards.pack(torch.ones(1, reach.n_cells, dtype=torch.bool))
+    kept: list[Tensor] = []
+    for cell in range(reach.n_cells):
+        sets = boards.unpack(reach.blockers[cell][reach.lanes[cell]].cpu(), reach.n_cells).unique(dim=0)
+        contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
+        kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
+    most = max(len(sets) for sets in kept)
+    return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept]).to(reach.device)

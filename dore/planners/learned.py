@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import time
 
-from dore.build import agent_of
+from dore.agents.common import Agent
+from dore.build import agent_of, make
 from dore.checkpoint import load_model
-from dore.errors import InputError, whole
+from dore.errors import InputError, path_of, whole
 from dore.layout import Layout
 from dore.plan import Plan, Status
 from dore.planners.base import Draft, checked_plans
@@ -34,25 +35,38 @@ class Learned:
     def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
         if model is None:
             raise InputError("model: not given, want model=RUN_DIR or a model file")
+        path_of("model", model)
         self.reach = reach
         self.max_moves = whole("planner.learned.max_moves", max_moves, 1)
         weights, config = load_model(model)
-        trained_on = {key: value for key, value in config["layout"].items() if key != "_target_"}
-        if Layout.from_dict({k: v for k, v in trained_on.items() if v is not None}) != reach.layout:
-            raise InputError(f"model: {model} is for layout {trained_on}, this one is {reach.layout.to_dict()}")
-        self.agent = agent_of(config, reach)
-        self.agent.networks.load_state_dict(weights)
+        trained_on: Layout = make(config.get("layout"), f"{model}: layout")
+        wanted, given = trained_on.to_dict(), reach.layout.to_dict()
+        if wanted != given:
+            raise InputError(f"model: {model} is for layout {wanted}, this one is {given}")
+        self._file, self._weights, self._config = model, weights, config
+        self.agent = self.copy_of_agent()
+
+    def copy_of_agent(self) -> Agent:
+        """The model's agent anew, with weights of its own."""
+        agent = agent_of(self._config, self.reach)
+        try:
+            agent.networks.load_state_dict(self._weights)
+        except RuntimeError as error:
+            why = str(error).splitlines()[0]
+            raise InputError(f"model: {self._file} does not fit its own config ({why})") from None
+        return agent
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances at once; see `Planner`."""
         began = time.perf_counter()
         rollout = greedy_rollout(self.agent.policy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
-        drafts = [_draft(rollout, row, share) for row in range(len(batch.target))]
+        drafts = [draft_of(rollout, row, share) for row in range(len(batch.target))]
         return checked_plans(self.reach, batch, drafts, self.name)
 
 
-def _draft(rollout: Rollout, row: int, planning_s: float) -> Draft:
+def draft_of(rollout: Rollout, row: int, planning_s: float) -> Draft:
+    """What a greedy episode came to."""
     moves, solved = rollout.moves(row), bool(rollout.solved[row])
     failure = Failure(int(rollout.failure[row]))
     reason = "" if solved else "move budget" if failure is Failure.NONE else failure.name.lower().replace("_", " ")

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from dore import board as boards
-from dore.errors import InputError, number, whole
+from dore.errors import InputError, flag, number, whole
 from dore.layout import Layout
 from dore.plan import Plan, Status, cell_id
 from dore.planners.base import Draft, checked_plans
@@ -76,9 +76,7 @@ class StraightLine:
         if self.start_m[0] >= reach.layout.front_m:
             raise InputError(f"start_x_m: got {start_x_m:g}, want less than the front edge {reach.layout.front_m:g}")
         self.corridor_m = reach.clearance_m if corridor_m is None else number("corridor_m", corridor_m, above=0.0)
-        if not isinstance(avoid_corridors, bool):
-            raise InputError(f"avoid_corridors: got {avoid_corridors!r}, want true or false")
-        self.avoid_corridors = avoid_corridors
+        self.avoid_corridors = flag("avoid_corridors", avoid_corridors)
         self.max_moves = whole("max_moves", max_moves, 0)
         self.corridors = _corridors(reach.layout, self.start_m, self.corridor_m)
         self.lanes = _lanes(reach, self.start_m)

@@ -7,7 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from dore import build, run_folder
-from dore.errors import InputError, whole
+from dore.errors import InputError, path_of, seed_of
 from dore.plan_files import read_plan
 from dore.sim.execute import REPORT_NAME
 from dore.sim.execute import execute as execute_plan
@@ -20,11 +20,13 @@ def execute(cfg: DictConfig) -> int:
     """Carry out a plan file. 0: done; 1: a fault was seen on the way; 3: refused before anything moved."""
     if cfg.video not in ("auto", "off"):
         raise InputError(f"video: got {cfg.video!r}, want auto or off")
-    whole("seed", cfg.seed, 0)
-    plan_file = read_plan(cfg.plan)
+    seed_of("seed", cfg.seed)
+    plan_file = read_plan(path_of("plan", cfg.plan))
     arm, camera, objects = (build.make(cfg[name], name) for name in ("arm", "camera", "objects"))
-    folder = run_folder.claim(Path(cfg.run_dir))
-    report = execute_plan(plan_file, arm, folder, cfg.video == "auto", objects=objects, camera=camera, seed=cfg.seed)
+    with run_folder.claimed(cfg.run_dir, worth=REPORT_NAME) as folder:
+        report = execute_plan(
+            plan_file, arm, folder, cfg.video == "auto", objects=objects, camera=camera, seed=cfg.seed
+        )
     _print_report(report, folder)
     if report.refused:
         return REFUSED

@@ -10,7 +10,7 @@ import numpy as np
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
-from dore.errors import InputError, number, whole
+from dore.errors import InputError, flag, number, whole
 from dore.paths import conf_dir
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]
@@ -129,6 +129,7 @@ class CameraConfig:
         number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
         number("camera.frames_per_s", self.frames_per_s, above=0.0, at_most=60.0)
         number("camera.playback_speed", self.playback_speed, above=0.0, at_most=100.0)
+        flag("camera.shadows", self.shadows)
         for name in ("eye_m", "look_at_m"):
             _numbers(f"camera.{name}", getattr(self, name), ("x", "y", "z"))
         if list(self.eye_m) == list(self.look_at_m):
