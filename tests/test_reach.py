@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 
 import pytest
@@ -246,3 +247,11 @@ def test_parameters_come_back_from_files() -> None:
         back = Reach(layout, **reach.to_dict())
         assert back.to_dict() == reach.to_dict()
         assert torch.equal(back.lanes, reach.lanes)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("g++") is None, reason="torch.compile needs a C++ compiler")
+def test_compiled_is_the_same() -> None:
+    reach = wide_hand(8, 8)
+    occupied = torch.rand(300, 64, generator=torch.Generator().manual_seed(0)) < 0.3
+    assert torch.equal(reach.compiled().accessible(occupied), reach.accessible(occupied))
