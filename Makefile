@@ -23,7 +23,7 @@ lint: venv
 	$(BIN)/mypy
 
 bench: venv
-	$(BIN)/python scripts/bench_world.py
+	$(BIN)/python scripts/bench_world.py --threads 1 --out docs/results/world.md
 
 venv: $(VENV)/.installed
 

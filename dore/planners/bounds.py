@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from dore import board as boards
-from dore.planners.layers import distinct
+from dore.planners.seen import distinct
 from dore.reach import Reach
 from dore.rules import pickable, retrievable
 
@@ -118,12 +118,13 @@ class DeleteRelaxation:
 
     def _peeled(self, board: Tensor, target: Tensor, among: Tensor) -> Tensor:
         """Int64[N, W]: the boards left when obstacles of `among` vanish as the hand gets to them, until none can."""
-        while True:
+        while bool((among != 0).any()):
             gone = boards.pack(pickable(self.reach, board, target)) & among
-            if not bool(gone.any()):
-                return board
+            if not bool((gone != 0).any()):
+                break
             board = board & ~gone
             among = among & ~gone
+        return board
 
 
 def _lane_sets(reach: Reach) -> Tensor:

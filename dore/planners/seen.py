@@ -23,6 +23,9 @@ class SeenBoards:
     A key never decides alone, the boards are compared. Where two differing boards share a key, the second may be
     kept twice, which costs time and no proof.
 
+    `board` Int64[C, W], `row`, `parent` (a place, -1 for a start), `moves` and `done` (which the search may use; 0 at
+    first, and again where fewer moves turn up), Int64[C] each, hold `size` boards and room for more.
+
     Args:
         words: W.
         max_bytes: what the tensors here may take.
@@ -33,6 +36,7 @@ class SeenBoards:
     done."""
 
     def __init__(self, words: int, max_bytes: float, device: torch.device) -> None:
+        # Growing by half needs the old tensors beside the new ones.
         self.capacity = int(max_bytes / (self.BYTES_A_BOARD + 8 * words) / 1.5)
         self.size = 0
         self.board = torch.empty(0, words, dtype=torch.int64, device=device)
@@ -51,25 +55,29 @@ class SeenBoards:
         Raises:
             OutOfMemory: they do not fit; nothing has been kept.
         """
-        key, order = _key(board, row).sort(stable=True)
+        order, first = distinct(board, row)
         board, row, parent, moves = board[order], row[order], parent[order], moves[order]
-        first = torch.ones_like(key, dtype=torch.bool)
-        first[1:] = (key[1:] != key[:-1]) | ~same(board[1:], board[:-1]) | (row[1:] != row[:-1])
+        key = _key(board, row)
         known = self._find(key, board, row)
         fresh = first & (known < 0)
-        shorter = first & (known >= 0) & (moves < self.moves[known.clamp_min(0)]) if self.size else ~first & first
-        better = known[shorter]
-        if len(better):
-            self.moves[better], self.parent[better], self.done[better] = moves[shorter], parent[shorter], 0
         n = int(fresh.sum())
         self._grow(n)
+        again = (first & (known >= 0)).nonzero().squeeze(-1)
+        again = again[moves[again] < self.moves[known[again]]]
+        better = known[again]
+        self.moves[better], self.parent[better], self.done[better] = moves[again], parent[again], 0
         here = slice(self.size, self.size + n)
         self.board[here], self.row[here] = board[fresh], row[fresh]
         self.parent[here], self.moves[here], self.done[here] = parent[fresh], moves[fresh], 0
         places = torch.arange(self.size, self.size + n, device=key.device)
         self.size += n
         self._remember(key[fresh], places)
-        return torch.cat([better, places]) if len(better) else places
+        return torch.cat([better, places])
+
+    def count(self, row: int) -> int:
+        """How many different boards of a row have been seen."""
+        here = slice(self.size)
+        return len(self.board[here][self.row[here] == row].unique(dim=0))
 
     def moves_to(self, place: Tensor) -> list[list[tuple[int, int]]]:
         """The (pick, place) cells of the moves from the start to Int64[N] places; none to place -1."""
@@ -117,6 +125,16 @@ class SeenBoards:
             for name in ("row", "parent", "moves", "done"):
                 old = getattr(self, name)
                 setattr(self, name, torch.cat([old, old.new_empty(more)]))
+
+
+def distinct(board: Tensor, row: Tensor) -> tuple[Tensor, Tensor]:
+    """Int64[N]: an order, by key, of Int64[N, W] boards and Int64[N] rows; Bool[N]: in it, which are the first of
+    their kind. Of equal ones at least one is a first one, and as a rule one only."""
+    key, order = _key(board, row).sort(stable=True)
+    board, row = board[order], row[order]
+    first = torch.ones_like(key, dtype=torch.bool)
+    first[1:] = ~same(board[1:], board[:-1]) | (row[1:] != row[:-1])
+    return order, first
 
 
 def _key(board: Tensor, row: Tensor) -> Tensor:
