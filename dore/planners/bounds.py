@@ -13,7 +13,7 @@ from torch import Tensor
 from dore import board as boards
 from dore.planners.seen import distinct
 from dore.reach import Reach
-from dore.rules import pickable, retrievable
+from dore.rules import retrievable
 
 MAX_SPARE = 4
 """Lanes with more moves to spare are taken for open, untested: they nearly always are."""
@@ -56,6 +56,7 @@ class DeleteRelaxation:
     def __init__(self, reach: Reach) -> None:
         self.reach = reach
         self.sets = _lane_sets(reach)
+        self.bits = boards.cell_bits(reach.n_cells, reach.device).unbind(-1)
 
     def lanes_of(self, target: Tensor) -> Tensor:
         """Int64[N, D, W]: the sets of cells that must be empty for a lane to Int64[N] targets to be free."""
@@ -118,13 +119,19 @@ class DeleteRelaxation:
 
     def _peeled(self, board: Tensor, target: Tensor, among: Tensor) -> Tensor:
         """Int64[N, W]: the boards left when obstacles of `among` vanish as the hand gets to them, until none can."""
+        target_bit = boards.bit(target, board.shape[-1])
         while bool((among != 0).any()):
-            gone = boards.pack(pickable(self.reach, board, target)) & among
+            # `rules.pickable`, of those that are wanted alone.
+            gone = self._packed(self.reach.free(board | target_bit)) & among
             if not bool((gone != 0).any()):
                 break
             board = board & ~gone
             among = among & ~gone
         return board
+
+    def _packed(self, cells: Tensor) -> Tensor:
+        """`board.pack`, without making the bits anew each time."""
+        return torch.stack([(cells * bits).sum(-1) for bits in self.bits], -1)
 
 
 def _lane_sets(reach: Reach) -> Tensor:
