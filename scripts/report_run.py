@@ -29,8 +29,8 @@ def main(out: Path, report: Path, command: str) -> None:
         f"{cfg.threads} thread(s).",
         "",
         f"Trained for {done['seconds']:.0f} s: {done['episodes']:,} episodes, {done['env_steps']:,} env steps, "
-        f"{done['updates']:,} updates. The test split is seen once, here; success is of all its instances, whether "
-        "they can be solved or not.",
+        f"{done['updates']:,} updates. The test split is seen once, here; which of its instances can be solved "
+        "is known where a planner has solved each of them, or proved that it has no solution.",
         "",
         as_markdown(summary_table(summarise(rows))),
         "",

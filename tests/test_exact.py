@@ -215,5 +215,5 @@ def test_labels() -> None:
     instances = InstanceSet.generate(reach, 60, Difficulty(8, 12), "test", seed=3)
     labels = label(instances, exact(reach, max_nodes=50), batch_size=25)
     plans = exact(reach, max_nodes=50).plan(instances.batch())
-    assert labels.optimal_moves.tolist() == [-1 if p.optimal_moves is None else p.optimal_moves for p in plans]
+    assert labels.optimal_moves == [p.optimal_moves for p in plans]
     assert list(labels.status) == [plan.status for plan in plans]

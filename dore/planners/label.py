@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import torch
-from torch import Tensor
-
 from dore.errors import whole
 from dore.instances import InstanceSet
 from dore.plan import Status
@@ -17,8 +14,8 @@ class Labels(NamedTuple):
     """One entry an instance."""
 
     status: list[Status]
-    optimal_moves: Tensor
-    """Int64[N]: the proved fewest moves; -1 where no plan, or no proof, is known. On the CPU."""
+    optimal_moves: list[int | None]
+    """The proved fewest moves; None where no plan, or no proof, is known."""
 
 
 def label(instances: InstanceSet, planner: Planner, batch_size: int = 1024) -> Labels:
@@ -37,5 +34,4 @@ def label(instances: InstanceSet, planner: Planner, batch_size: int = 1024) -> L
         for first in range(0, len(instances), step)
         for plan in planner.plan(instances.batch(slice(first, first + step)))
     ]
-    optimal = [-1 if plan.optimal_moves is None else plan.optimal_moves for plan in plans]
-    return Labels([plan.status for plan in plans], torch.tensor(optimal, dtype=torch.int64))
+    return Labels([plan.status for plan in plans], [plan.optimal_moves for plan in plans])
