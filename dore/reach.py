@@ -68,7 +68,7 @@ class Reach:
         self.mirror = layout.mirror
         self.lanes = self._allowed_lanes()
         self.blockers = boards.pack(self._covered())
-        self._masks = self._undominated()
+        self.blocking_sets = self._undominated()
         self._reachable = self.lanes.any(-1)
         self._kernel: Callable[[Tensor, Tensor, Tensor], Tensor] = _free
 
@@ -91,7 +91,7 @@ class Reach:
         """The same reach with its table on `device`."""
         moved = object.__new__(Reach)
         moved.__dict__.update(self.__dict__)
-        for name in ("sectors_deg", "lanes", "blockers", "_masks", "_reachable"):
+        for name in ("sectors_deg", "lanes", "blockers", "blocking_sets", "_reachable"):
             setattr(moved, name, getattr(self, name).to(device))
         moved.mirror = None if self.mirror is None else self.mirror.to(device)
         return moved
@@ -123,11 +123,11 @@ class Reach:
 
     def free(self, board: Tensor) -> Tensor:
         """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]."""
-        return self._kernel(board, self._masks, self._reachable)
+        return self._kernel(board, self.blocking_sets, self._reachable)
 
     def free_cell(self, board: Tensor, cell: Tensor) -> Tensor:
         """`accessible` of one cell a board: Int64[B, W], Int64[B] -> Bool[B]."""
-        blocked = (board[:, None] & self._masks[:, cell].transpose(0, 1)) != 0
+        blocked = (board[:, None] & self.blocking_sets[:, cell].transpose(0, 1)) != 0
         return ~blocked.any(-1).all(-1) & self._reachable[cell]
 
     def free_sectors(self, board: Tensor, cell: Tensor) -> Tensor:
@@ -197,19 +197,19 @@ class Reach:
         return covered & ~itself
 
     def _undominated(self) -> Tensor:
-        """Int64[D, G, W]: the blocking sets that matter; one that contains another adds nothing."""
+        """Int64[D, G, W]: for each cell, the sets of cells that must be empty for one of its lanes to be free.
+
+        A set that contains another is left out: its lane is free only where the other one is. Cells with fewer than
+        D sets repeat one; a cell that no lane leads to has the full board.
+        """
+        closed = boards.pack(torch.ones(1, self.n_cells, dtype=torch.bool))
         kept: list[Tensor] = []
         for g in range(self.n_cells):
             sets = boards.unpack(self.blockers[g][self.lanes[g]], self.n_cells).unique(dim=0)
-            contains = (sets[:, None] | ~sets[None]).all(-1)
-            contains.fill_diagonal_(False)
-            kept.append(boards.pack(sets[~contains.any(-1)]))
-        deepest = max(1, *(len(sets) for sets in kept))
-        filler = torch.zeros(1, self.n_words, dtype=torch.int64)
-        padded = [
-            torch.cat([sets, (sets[-1:] if len(sets) else filler).repeat(deepest - len(sets), 1)]) for sets in kept
-        ]
-        return torch.stack(padded, 1).contiguous()
+            contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
+            kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
+        most = max(len(sets) for sets in kept)
+        return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept], 1)
 
 
 def _free(board: Tensor, masks: Tensor, reachable: Tensor) -> Tensor:

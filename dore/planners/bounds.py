@@ -55,7 +55,7 @@ class DeleteRelaxation:
 
     def __init__(self, reach: Reach) -> None:
         self.reach = reach
-        self.sets = _lane_sets(reach)
+        self.sets = reach.blocking_sets.transpose(0, 1).contiguous()
         self.bits = boards.cell_bits(reach.n_cells, reach.device).unbind(-1)
 
     def lanes_of(self, target: Tensor) -> Tensor:
@@ -132,19 +132,3 @@ class DeleteRelaxation:
     def _packed(self, cells: Tensor) -> Tensor:
         """`board.pack`, without making the bits anew each time."""
         return torch.stack([(cells * bits).sum(-1) for bits in self.bits], -1)
-
-
-def _lane_sets(reach: Reach) -> Tensor:
-    """Int64[G, D, W]: for each cell, the sets of cells that must be empty for one of its lanes to be free.
-
-    A set that contains another is left out: its lane is free only where the other one is. Cells with fewer than D
-    sets repeat one; a cell that no lane leads to has the full board.
-    """
-    closed = boards.pack(torch.ones(1, reach.n_cells, dtype=torch.bool))
-    kept: list[Tensor] = []
-    for cell in range(reach.n_cells):
-        sets = boards.unpack(reach.blockers[cell][reach.lanes[cell]].cpu(), reach.n_cells).unique(dim=0)
-        contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
-        kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
-    most = max(len(sets) for sets in kept)
-    return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept]).to(reach.device)

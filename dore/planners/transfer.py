@@ -12,7 +12,7 @@ from torchrl.objectives import SoftUpdate
 
 from dore.agents.common import Agent
 from dore.env import RearrangeEnv, Rewards
-from dore.errors import number, whole
+from dore.errors import number, seed_of
 from dore.instances import FixedInstances, InstanceSet
 from dore.performance import PerformanceTest
 from dore.plan import Plan, Status
@@ -67,7 +67,7 @@ class Transfer:
         self.reach = reach
         self.base = Learned(reach, model, max_moves)
         self.max_moves = max_moves
-        self.seed = whole("planner.transfer.seed", seed, 0)
+        self.seed = seed_of("planner.transfer.seed", seed)
         self.lr = number("planner.transfer.lr", lr, above=0.0)
         number("planner.transfer.epsilon", epsilon, above=0.0, at_most=1.0)
         self.epsilon = LinearEpsilon(epsilon, epsilon, anneal_steps=1)
