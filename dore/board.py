@@ -52,8 +52,14 @@ def contains(board: Tensor, cell: Tensor) -> Tensor:
 
 
 def count(board: Tensor) -> Tensor:
-    """Int64[...]: how many cells of Int64[..., W] are set."""
-    return unpack(board, board.shape[-1] * WORD).sum(-1)
+    """Int64[...]: how many cells of Int64[..., W] are set, by halves (Hacker's Delight, section 5-1)."""
+    x = board - ((board >> 1) & 0x5555555555555555)
+    x = (x & 0x3333333333333333) + ((x >> 2) & 0x3333333333333333)
+    x = (x + (x >> 4)) & 0x0F0F0F0F0F0F0F0F
+    x = x + (x >> 8)
+    x = x + (x >> 16)
+    x = (x + (x >> 32)) & 0x7F
+    return x[..., 0] if x.shape[-1] == 1 else x.sum(-1)
 
 
 def state(board: Tensor, target: Tensor, n_cells: int) -> Tensor:

@@ -6,26 +6,25 @@ import logging
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig
+from omegaconf import DictConfig, open_dict
 
 from dore import build, run_folder, tables
 from dore.checkpoint import load_checkpoint, load_model
 from dore.errors import InputError, path_of, seed_of
-from dore.evaluation import Timing, read_rows, write_rows
-from dore.evaluation import evaluate as evaluate_planners
+from dore.evaluation import ROWS, Timing, evaluate_into, read_rows
 from dore.instances import InstanceSet, scenes_of
 from dore.plan import Plan, PlanFile, Status, cell_id
 from dore.plan_files import read_scene, write_plan
+from dore.planners.base import Planner
 from dore.render import draw_plan
 from dore.sampling import FreshInstances
 from dore.session import CURVE, Session, trainer_of
 from dore.training import Diverged, Ending
 
-ROWS = "rows.csv"
 OK, FAILED, UNSOLVABLE, GAVE_UP, STOPPED = 0, 1, 3, 4, 130
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)
@@ -79,29 +78,55 @@ def _run(session: Session) -> int:
     return OK
 
 
+class Evaluation(NamedTuple):
+    """What dore-evaluate runs, built and checked."""
+
+    planners: list[Planner]
+    instances: InstanceSet
+    timing: Timing
+
+    @classmethod
+    def of(cls, cfg: DictConfig) -> Evaluation:
+        """Build it; `cfg` then names its whole world, and no longer hangs on what the model's file says."""
+        build.use_threads(cfg.threads)
+        if cfg.split not in ("test", "validation"):
+            raise InputError(f"split: got {cfg.split!r}, want test or validation")
+        if cfg.timing not in tuple(Timing):
+            raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
+        world = build.world_of(cfg, _model_config(cfg))
+        reach = build.reach_of(world, cfg.device)
+        splits = build.splits_of(world, reach)
+        planners = build.planners_of(cfg, reach)
+        instances: InstanceSet = splits.test(reach) if cfg.split == "test" else splits.validation(reach)
+        if cfg.limit is not None:
+            instances = instances.first(cfg.limit)
+        with open_dict(cfg):
+            cfg.merge_with(world)
+        return cls(planners, instances, Timing(cfg.timing))
+
+
 def evaluate(cfg: DictConfig) -> int:
-    """Run planners on a split, write rows.csv and print the tables made from it."""
-    build.use_threads(cfg.threads)
-    if cfg.split not in ("test", "validation"):
-        raise InputError(f"split: got {cfg.split!r}, want test or validation")
-    if cfg.timing not in tuple(Timing):
-        raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
-    world = build.world_of(cfg, _model_config(cfg))
-    reach = build.reach_of(world, cfg.device)
-    splits = build.splits_of(world, reach)
-    planners = build.planners_of(cfg, reach)
-    instances: InstanceSet = splits.test(reach) if cfg.split == "test" else splits.validation(reach)
-    if cfg.limit is not None:
-        instances = instances.first(cfg.limit)
-    with run_folder.claimed(_run_dir(cfg), worth=ROWS) as folder:
-        run_folder.write_config(folder, cfg)
-        write_rows(folder / ROWS, evaluate_planners(planners, instances, Timing(cfg.timing)))
+    """Run planners on a split, or go on with that, and print the tables made from its rows.csv."""
+    if cfg.resume is not None:
+        folder = path_of("resume", cfg.resume)
+        cfg = _evaluated_config(folder)
+        evaluation = Evaluation.of(cfg)
+    else:
+        evaluation = Evaluation.of(cfg)
+        with run_folder.claimed(_run_dir(cfg), worth=run_folder.CONFIG) as folder:
+            run_folder.write_config(folder, cfg)
+    if not (folder / ROWS).exists():
+        try:
+            evaluate_into(folder, *evaluation)
+        except KeyboardInterrupt:
+            print(f"stopped; go on with: dore-evaluate resume={folder}")
+            return STOPPED
     rows = read_rows(folder / ROWS)
     print(tables.as_text(tables.summary_table(tables.summarise(rows))))
-    if len(planners) > 1:
+    if len(evaluation.planners) > 1:
         print()
         print(tables.as_text(tables.paired_table(tables.compare(rows))))
-    print(f"{ROWS} is in {folder}")
+    print(f"{ROWS} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
     return OK
 
 
@@ -155,10 +180,23 @@ def _run_dir(cfg: DictConfig) -> Path:
     return path_of("run_dir", cfg.run_dir)
 
 
+def _evaluated_config(folder: Path) -> DictConfig:
+    """An evaluation's own config, in which nothing may differ: rows of two kinds would lie in one file."""
+    cfg = run_folder.read_config(folder, expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"))
+    if changes := _changes():
+        raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")
+    return cfg
+
+
+def _changes() -> list[str]:
+    """What the command line gives beside `resume`."""
+    return [change for change in HydraConfig.get().overrides.task if not change.startswith("resume=")]
+
+
 def _resumed_config(folder: Path) -> DictConfig:
     """The run's own config; of what the command line gives, only the budget may differ."""
     cfg = run_folder.read_config(folder, expected=(*build.MODEL, "training", "ipt", "buffer", "seed"))
-    changes = [change for change in HydraConfig.get().overrides.task if not change.startswith("resume=")]
+    changes = _changes()
     for change in changes:
         if not change.startswith("training."):
             raise InputError(f"resume: {change} cannot be changed in {folder}, only training.* can")

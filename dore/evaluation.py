@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
 from pathlib import Path
@@ -55,6 +56,18 @@ def evaluate(
     batch_size: int = 1024,
     progress: bool = True,
 ) -> list[Row]:
+    """Every row that `rows_as_they_come` makes."""
+    return list(rows_as_they_come(planners, instances, timing, batch_size, progress))
+
+
+def rows_as_they_come(
+    planners: Sequence[Planner],
+    instances: InstanceSet,
+    timing: Timing = Timing.SINGLE,
+    batch_size: int = 1024,
+    progress: bool = True,
+    done: Sequence[Row] = (),
+) -> Iterator[Row]:
     """Plan every instance with every planner, and replay every plan once more, whoever made it.
 
     Each planner first plans the first instance untimed, so that no row pays for what happens only once
@@ -63,9 +76,11 @@ def evaluate(
     Args:
         timing: plan the instances one at a time, or `batch_size` together.
         progress: show a progress bar.
+        done: rows that are there already, and are not made again. A batch of which one row is missing is planned
+            whole, as it would have been.
 
     Raises:
-        InputError: two planners of one name, or a batch size below 1.
+        InputError: two planners of one name, a batch size below 1, or a done row that is of another evaluation.
         PlanError: a plan that does not replay; names the planner, the instance, the move and why.
     """
     names = [planner.name for planner in planners]
@@ -73,26 +88,39 @@ def evaluate(
         raise InputError(f"planners: got {', '.join(names)}, want different names")
     step = 1 if timing is Timing.SINGLE else whole("batch_size", batch_size, 1)
     scenes = list(instances)
-    rows: list[Row] = []
-    with tqdm(total=len(planners) * len(scenes), unit="plan", disable=not progress) as bar:
+    _check_done(done, names, scenes, timing)
+    with tqdm(total=len(planners) * len(scenes), initial=len(done), unit="plan", disable=not progress) as bar:
         for planner in planners:
+            there = {row.instance for row in done if row.planner == planner.name}
+            if len(there) == len(scenes):
+                continue
             bar.set_description(planner.name)
             planner.plan(instances.batch(slice(0, 1)))
-            for number, scene, plan in _plans(planner, instances, scenes, step):
-                rows.append(_row(planner.name, number, scene, instances.reach, plan, timing))
+            for number, scene, plan in _plans(planner, instances, scenes, step, there):
+                yield _row(planner.name, number, scene, instances.reach, plan, timing)
                 bar.update()
-    return rows
+
+
+def _check_done(done: Sequence[Row], names: list[str], scenes: list[Scene], timing: Timing) -> None:
+    """Refuse rows that these planners, instances and timing cannot have made."""
+    for row in done:
+        known = row.planner in names and row.timing is timing and 1 <= row.instance <= len(scenes)
+        if not known or row.n_obstacles != len(scenes[row.instance - 1].obstacles):
+            raise InputError(f"rows: that of {row.planner} on instance {row.instance} is of another evaluation")
 
 
 def _plans(
-    planner: Planner, instances: InstanceSet, scenes: list[Scene], step: int
+    planner: Planner, instances: InstanceSet, scenes: list[Scene], step: int, there: Container[int]
 ) -> Iterator[tuple[int, Scene, Plan]]:
-    """Each instance's number, scene and plan."""
+    """The number, scene and plan of each instance but those that are there already."""
     for first in range(0, len(scenes), step):
-        part = scenes[first : first + step]
+        part = list(enumerate(scenes[first : first + step], first + 1))
+        if all(number in there for number, _ in part):
+            continue
         batch: Batch = instances.batch(slice(first, first + step))
-        for offset, (scene, plan) in enumerate(zip(part, planner.plan(batch), strict=True)):
-            yield first + offset + 1, scene, plan
+        for (number, scene), plan in zip(part, planner.plan(batch), strict=True):
+            if number not in there:
+                yield number, scene, plan
 
 
 def _row(planner: str, number: int, scene: Scene, reach: Reach, plan: Plan, timing: Timing) -> Row:
@@ -116,6 +144,27 @@ def _row(planner: str, number: int, scene: Scene, reach: Reach, plan: Plan, timi
 
 
 COLUMNS = tuple(field.name for field in fields(Row))
+ROWS, PARTIAL = "rows.csv", "rows.part.csv"
+
+
+def evaluate_into(folder: Path, planners: Sequence[Planner], instances: InstanceSet, timing: Timing) -> None:
+    """`evaluate` into a folder's rows.csv, each row on the disk as it comes.
+
+    Until all rows are there the file is called rows.part.csv. Where a killed evaluation has left one, it goes on
+    from there, so that what is lost is the instance, or the batch, that it was killed in.
+
+    Raises:
+        InputError: what `rows_as_they_come` raises, or a rows.part.csv that cannot be read.
+    """
+    partial = folder / PARTIAL
+    done = _whole_rows(partial)
+    write_rows(partial, done)
+    with partial.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        for row in rows_as_they_come(planners, instances, timing, done=done):
+            writer.writerow(_record(row))
+            file.flush()
+    partial.replace(folder / ROWS)
 
 
 def write_rows(path: str | os.PathLike[str], rows: Sequence[Row]) -> None:
@@ -123,8 +172,11 @@ def write_rows(path: str | os.PathLike[str], rows: Sequence[Row]) -> None:
     with atomic_write(path) as file:
         writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
         writer.writeheader()
-        for row in rows:
-            writer.writerow(asdict(row) | {"planning_s": f"{row.planning_s:.9f}"})
+        writer.writerows(map(_record, rows))
+
+
+def _record(row: Row) -> dict[str, object]:
+    return asdict(row) | {"planning_s": f"{row.planning_s:.9f}"}
 
 
 def read_rows(path: str | os.PathLike[str]) -> list[Row]:
@@ -135,14 +187,30 @@ def read_rows(path: str | os.PathLike[str]) -> list[Row]:
     """
     try:
         with Path(path).open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            if tuple(reader.fieldnames or ()) != COLUMNS:
-                raise InputError(f"{path}: columns {reader.fieldnames}, want {', '.join(COLUMNS)}")
-            return [_parse(f"{path}, line {reader.line_num}", record) for record in reader]
+            return _rows_in(file, path)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error})") from None
+
+
+def _whole_rows(path: Path) -> list[Row]:
+    """The rows of a file that was being written: a last line that was cut off is left out; none without a file."""
+    if not path.exists():
+        return []
+    text = path.read_bytes()
+    try:
+        return _rows_in(io.StringIO(text[: text.rfind(b"\n") + 1].decode()), path)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error})") from None
+
+
+def _rows_in(file: Iterable[str], path: str | os.PathLike[str]) -> list[Row]:
+    """The rows of an open file; messages call it `path`."""
+    reader = csv.DictReader(file)
+    if tuple(reader.fieldnames or ()) != COLUMNS:
+        raise InputError(f"{path}: columns {reader.fieldnames}, want {', '.join(COLUMNS)}")
+    return [_parse(f"{path}, line {reader.line_num}", record) for record in reader]
 
 
 def _parse(where: str, record: dict[str, str]) -> Row:

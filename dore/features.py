@@ -11,27 +11,30 @@ import torch
 from torch import Tensor
 
 from dore import board as boards
+from dore.lane_features import N_PLANES, lane_planes
 from dore.reach import Reach
 
-Encoding = Literal["planes", "state"]
-"""`state`: the paper's vector of 0, 1 and 2 (eq. 7); `planes`: obstacles and target apart, one plane each."""
+Encoding = Literal["planes", "state", "lanes"]
+"""`state`: the paper's vector of 0, 1 and 2 (eq. 7); `planes`: obstacles and target apart, one plane each; `lanes`:
+these, and what `dore.lane_features` says of each cell, which means the same on every layout."""
 
 
-def encode(board: Tensor, target: Tensor, mask: Tensor | None, n_cells: int, encoding: Encoding) -> Tensor:
+def encode(reach: Reach, board: Tensor, target: Tensor, mask: Tensor | None, encoding: Encoding) -> Tensor:
     """Float[B, C, G] of Int64[B, W] boards, Int64[B] targets and, where given, Bool[B, G] masks (eqs. 10, 15)."""
     if encoding == "state":
-        planes = [boards.state(board, target, n_cells)]
+        planes = [boards.state(board, target, reach.n_cells)]
     else:
-        cell = torch.arange(n_cells, device=board.device)
-        planes = [boards.unpack(board, n_cells).float(), (cell == target[:, None]).float()]
+        cell = torch.arange(reach.n_cells, device=board.device)
+        planes = [boards.unpack(board, reach.n_cells).float(), (cell == target[:, None]).float()]
     if mask is not None:
         planes.append(mask.float())
-    return torch.stack(planes, 1)
+    seen = torch.stack(planes, 1)
+    return torch.cat([seen, lane_planes(reach, board, target)], 1) if encoding == "lanes" else seen
 
 
 def n_planes(encoding: Encoding, with_mask: bool) -> int:
     """C of `encode`."""
-    return (1 if encoding == "state" else 2) + with_mask
+    return {"state": 1, "planes": 2, "lanes": 2 + N_PLANES}[encoding] + with_mask
 
 
 def mirrored_board(board: Tensor, reach: Reach) -> Tensor:

@@ -44,6 +44,19 @@ def mean_interval(values: Sequence[float]) -> Interval:
     return Interval(mean, mean - half, mean + half)
 
 
+def ratio_interval(values: Sequence[float], base: Sequence[float]) -> Interval:
+    """The mean of `values` over the mean of `base`, pair by pair, and its 95 % interval; nan where `base` sums to 0.
+
+    Source: the ratio estimator (Cochran, Sampling Techniques, 3rd ed., section 6.4): the spread is that of
+    value - ratio x base, so values that go with their base make it narrow. The ends are nan below 4 pairs.
+    """
+    if not sum(base):
+        return UNKNOWN
+    ratio = sum(values) / sum(base)
+    off = mean_interval([value - ratio * under for value, under in zip(values, base, strict=True)])
+    return Interval(ratio, ratio + off.low / fmean(base), ratio + off.high / fmean(base))
+
+
 def percentile(values: Sequence[float], percent: int) -> float:
     """The percentile with linear interpolation between values; nan without values."""
     if len(values) < 2:

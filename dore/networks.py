@@ -104,6 +104,40 @@ class ResidualBlock(nn.Module):
         return x + self.second(silu(self.first(silu(x))))
 
 
+class CellNet(nn.Module):
+    """The same small network for every cell, which also sees the mean and the maximum over all cells.
+
+    Nothing in it depends on how many cells there are or where, so its weights serve every layout (DeepSets, Zaheer
+    et al., 2017; not in the paper, whose networks are fully connected). Every head has one output a cell.
+
+    Args:
+        width: features of a cell.
+        blocks: hidden layers after the first, each with the pooled features of all cells.
+
+    Raises:
+        InputError: a head with other outputs than one a cell, or a count below 1.
+    """
+
+    def __init__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int], width: int, blocks: int) -> None:
+        super().__init__()
+        if any(n != layout.n_cells for n in n_outputs):
+            raise InputError("network: cells has one output a cell, as agent=sequential wants; want mlp or conv here")
+        whole("network.width", width, 1)
+        whole("network.blocks", blocks, 1)
+        self.stem = nn.Linear(n_planes, width)
+        self.own = nn.ModuleList(nn.Linear(width, width) for _ in range(blocks))
+        self.pooled = nn.ModuleList(nn.Linear(2 * width, width) for _ in range(blocks))
+        self.heads = nn.ModuleList(nn.Linear(width, 1) for _ in n_outputs)
+
+    def forward(self, planes: Tensor) -> tuple[Tensor, ...]:
+        """Float[B, C, G] -> Float[B, G] for each head."""
+        hidden = nn.functional.silu(self.stem(planes.transpose(1, 2)))
+        for own, pooled in zip(self.own, self.pooled, strict=True):
+            everywhere = torch.cat([hidden.mean(1), hidden.amax(1)], -1)
+            hidden = hidden + nn.functional.silu(own(hidden) + pooled(everywhere)[:, None])
+        return tuple(head(hidden).squeeze(-1) for head in self.heads)
+
+
 def _conv_head(channels: int, n_cells: int, n_outputs: int) -> nn.Module:
     per_cell = nn.Sequential(nn.Conv2d(channels, 1 if n_outputs == n_cells else 4, 1), nn.Flatten())
     return per_cell if n_outputs == n_cells else nn.Sequential(*per_cell, nn.Linear(4 * n_cells, n_outputs))

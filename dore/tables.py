@@ -9,7 +9,7 @@ from statistics import stdev
 
 from dore.errors import InputError
 from dore.evaluation import Row
-from dore.intervals import UNKNOWN, Interval, mean_interval, percentile, wilson
+from dore.intervals import UNKNOWN, Interval, mean_interval, percentile, ratio_interval, wilson
 from dore.plan import Status
 
 
@@ -39,7 +39,7 @@ class Paired:
     """One planner on the instances that every planner solved, so that easy and hard ones weigh the same.
 
     difference: its rearrangements less the reference's, instance by instance.
-    change_percent: of the mean, against the reference; nan where the reference moves nothing.
+    ratio: its mean over the reference's; nan where the reference moves nothing.
     """
 
     planner: str
@@ -48,7 +48,12 @@ class Paired:
     moves: Interval
     moves_sd: float
     difference: Interval
-    change_percent: float
+    ratio: Interval
+
+    @property
+    def change_percent(self) -> float:
+        """How far the ratio is from 1."""
+        return 100 * (self.ratio.value - 1)
 
 
 def summarise(rows: Sequence[Row]) -> list[Summary]:
@@ -103,9 +108,8 @@ def compare(rows: Sequence[Row], reference: str | None = None) -> list[Paired]:
     for planner, group in groups.items():
         moves = [float(group[number].moves) for number in common]
         difference = mean_interval([mine - theirs for mine, theirs in zip(moves, base, strict=True)])
-        change = 100 * (sum(moves) / sum(base) - 1) if sum(base) else math.nan
-        spread = stdev(moves) if len(moves) > 1 else math.nan
-        paired.append(Paired(planner, reference, len(common), mean_interval(moves), spread, difference, change))
+        spread, ratio = stdev(moves) if len(moves) > 1 else math.nan, ratio_interval(moves, base)
+        paired.append(Paired(planner, reference, len(common), mean_interval(moves), spread, difference, ratio))
     return paired
 
 

@@ -15,11 +15,11 @@ def test_the_papers_example_state():
     """Fig. 2: obstacles on 4, 7 and 14, the target on 18 of 5 x 5 (ids from 1)."""
     occupied = torch.zeros(1, 25, dtype=torch.bool)
     occupied[0, [3, 6, 13]] = True
-    state = encode(pack(occupied), torch.tensor([17]), None, 25, "state")
+    state = encode(wide_hand(5, 5), pack(occupied), torch.tensor([17]), None, "state")
     want = torch.zeros(25)
     want[[3, 6, 13]], want[17] = 1, 2
     assert torch.equal(state[0, 0], want)
-    planes = encode(pack(occupied), torch.tensor([17]), occupied, 25, "planes")
+    planes = encode(wide_hand(5, 5), pack(occupied), torch.tensor([17]), occupied, "planes")
     assert torch.equal(planes[0, 0], (want == 1).float())
     assert torch.equal(planes[0, 1], (want == 2).float())
     assert torch.equal(planes[0, 2], occupied[0].float())

@@ -122,20 +122,20 @@ class Sequential:
     def _entry(self, board: Tensor, target: Tensor, head: str) -> TensorDict:
         """A head's observation and mask on a board."""
         mask = (pickable if head == "pick" else placeable)(self.reach, board, target)
-        seen = encode(board, target, mask, self.reach.n_cells, self.encoding)
+        seen = encode(self.reach, board, target, mask, self.encoding)
         return TensorDict({head: {keys.OBSERVATION: seen, "mask": mask}}, batch_size=board.shape[:1])
 
     def _see_pick(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """The pick network's observation [s, m_p], and what it may choose."""
         mask = pickable(self.reach, board, target)
-        seen = encode(board, target, mask, self.reach.n_cells, self.encoding)
+        seen = encode(self.reach, board, target, mask, self.encoding)
         return seen, never_empty(legal if self.mask_mode == "legal" else mask)
 
     def _see_place(self, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor) -> tuple[Tensor, Tensor]:
         """The place network's observation [s', m_l] after the lift, and what it may choose."""
         lifted = lift(board, pick)
         mask = placeable(self.reach, lifted, target)
-        seen = encode(lifted, target, mask, self.reach.n_cells, self.encoding)
+        seen = encode(self.reach, lifted, target, mask, self.encoding)
         if self.mask_mode == "legal":
             mask = mask & ~going_back(lifted, visited, self.reach.n_cells)
         return seen, never_empty(mask)

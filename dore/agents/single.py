@@ -60,7 +60,7 @@ class Single:
         one_of("agent.heads", heads, Heads)
         self.reach, self.encoding, self.mask_mode, self.symmetry = reach, encoding, mask_mode, symmetry
         self.n_slots = whole("agent.n_slots", n_slots, 1)
-        planes, cells = n_planes(encoding, with_mask=encoding == "planes"), reach.n_cells
+        planes, cells = n_planes(encoding, with_mask=encoding != "state"), reach.n_cells
         made = network(layout=reach.layout, n_planes=planes, n_outputs=(n_slots, cells))
         self.networks = torch.nn.ModuleDict({"pick_place": made}).to(reach.device)
         values = TensorDictModule(made, in_keys=[_SEEN], out_keys=[keys.SLOT_VALUE, keys.PLACE_VALUE])
@@ -144,8 +144,8 @@ class Single:
 
     def _see(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The observation, the cell of each slot, and which slots may be chosen."""
-        mask = pickable(self.reach, board, target) if self.encoding == "planes" else None
-        seen = encode(board, target, mask, self.reach.n_cells, self.encoding)
+        mask = pickable(self.reach, board, target) if self.encoding != "state" else None
+        seen = encode(self.reach, board, target, mask, self.encoding)
         cells, there = slots(board, self.n_slots, self.reach.n_cells)
         # No obstacle ever stands on the target's cell, so an absent slot is a pick that fails.
         cells = torch.where(there, cells, target[:, None])
