@@ -1,0 +1,11 @@
+#!/usr/bin/env bash
+# docs/results/table3.{csv,md,png}: rearrangements on 6 x 6, 3 to 9 obstacles, beside the paper's Table 3.
+# scripts/tables.sh says how it goes on after a stop, and which variables make it smaller.
+cd "$(dirname "$0")/.." && . scripts/tables.sh
+
+out=${OUT:-outputs/table3}
+train_models tables/table3 "$out"
+# What cannot be solved and is not seen to be would cost transfer learning its whole time: 20 s, and not 60.
+evaluate_model "$out/single" exact,straight_line,learned,transfer planners.transfer.max_seconds=20
+evaluate_model "$out/sequential" exact,learned,guided
+"$bin/python" scripts/paper_table.py 3 "$out" "${REPORT:-docs/results/table3}"
