@@ -118,6 +118,8 @@ class CellNet(nn.Module):
         InputError: a head with other outputs than one a cell, or a count below 1.
     """
 
+    serves_every_layout = True
+
     def __init__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int], width: int, blocks: int) -> None:
         super().__init__()
         if any(n != layout.n_cells for n in n_outputs):

@@ -140,11 +140,8 @@ class Trainer:
         progress, before = self.progress, time.perf_counter() - self.progress.seconds
         shown = self.env.observation() if progress.iteration else self.env.reset()
         while True:
-            shown, finished = self._collect(shown)
-            self._learn()
             tests_before = progress.episodes // self.test.every_episodes
-            progress.episodes += finished
-            progress.iteration += 1
+            shown = self.iterate(shown)
             progress.seconds = time.perf_counter() - before
             due = progress.episodes // self.test.every_episodes > tests_before
             tested = self.run_test() if due else None
@@ -155,6 +152,14 @@ class Trainer:
                 return Ending.BUDGET
             if stop():
                 return Ending.INTERRUPTED
+
+    def iterate(self, shown: TensorDictBase) -> TensorDictBase:
+        """One step of every environment from what it shows, and the updates after it; what they show next."""
+        shown, finished = self._collect(shown)
+        self._learn()
+        self.progress.episodes += finished
+        self.progress.iteration += 1
+        return shown
 
     def run_test(self) -> TestResult:
         """An IPT of the greedy policy as it is now."""

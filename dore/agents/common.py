@@ -37,6 +37,9 @@ class Agent(Protocol):
     def set_epsilon(self, epsilon: float) -> None:
         """How often a head acts at random."""
 
+    def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
+        """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
+
 
 def one_of(name: str, value: str, options: object) -> None:
     """Raise InputError unless `value` is an option of a Literal type."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictSequential
@@ -58,11 +60,33 @@ class Sequential:
         self.networks = torch.nn.ModuleDict(
             {head: network(layout=reach.layout, n_planes=planes, n_outputs=(cells,)) for head in ("pick", "place")}
         ).to(reach.device)
-        pick = TensorDictModule(self.networks["pick"], in_keys=[_SEEN_PICK], out_keys=[keys.PICK_VALUE])
-        place = TensorDictModule(self.networks["place"], in_keys=[_SEEN_PLACE], out_keys=[keys.PLACE_VALUE])
+        pick, place = self._q_modules()
+        self.loss = SequentialLoss(pick, place, gamma, double, mask_mode, chain, loss_function)
+        self._make_policy()
+        rewards = (keys.PLACE_REWARD,) if chain == "natural" else (keys.PLACE_REWARD, keys.PICK_REWARD)
+        after = (keys.BOARD, keys.TERMINATED, *rewards)
+        self.stored: tuple[str | keys.Key, ...] = (
+            keys.BOARD,
+            keys.TARGET,
+            keys.PICK,
+            keys.PLACE,
+            *(("next", key) if isinstance(key, str) else ("next", *key) for key in after),
+        )
+
+    def _q_modules(self) -> tuple[TensorDictModule, TensorDictModule]:
+        """Q_p and Q_l over TensorDicts."""
+        return (
+            TensorDictModule(self.networks["pick"], in_keys=[_SEEN_PICK], out_keys=[keys.PICK_VALUE]),
+            TensorDictModule(self.networks["place"], in_keys=[_SEEN_PLACE], out_keys=[keys.PLACE_VALUE]),
+        )
+
+    def _make_policy(self) -> None:
+        """Pick, lift, place on this reach's cells."""
+        cells, mode, device = self.reach.n_cells, self.mask_mode, self.reach.device
+        pick, place = self._q_modules()
         self._greedy = [
-            Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mask_mode, reach.device),
-            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode, reach.device),
+            Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mode, device),
+            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mode, device),
         ]
         before_pick = TensorDictModule(
             self._see_pick, in_keys=[keys.BOARD, keys.TARGET, keys.PICK_MASK], out_keys=[_SEEN_PICK, keys.PICK_MASK]
@@ -80,16 +104,20 @@ class Sequential:
             place,
             *self._greedy[1].modules_in_order(),
         )
-        self.loss = SequentialLoss(pick, place, gamma, double, mask_mode, chain, loss_function)
-        rewards = (keys.PLACE_REWARD,) if chain == "natural" else (keys.PLACE_REWARD, keys.PICK_REWARD)
-        after = (keys.BOARD, keys.TERMINATED, *rewards)
-        self.stored: tuple[str | keys.Key, ...] = (
-            keys.BOARD,
-            keys.TARGET,
-            keys.PICK,
-            keys.PLACE,
-            *(("next", key) if isinstance(key, str) else ("next", *key) for key in after),
-        )
+
+    def on(self, reach: Reach) -> Sequential:
+        """This agent, weights, loss and all, on another layout or reach; its networks must serve every layout."""
+        other = copy.copy(self)
+        other.reach = reach
+        other._make_policy()
+        return other
+
+    def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
+        """Float[N, G]: Q_l of each cell for the obstacle on Int64[N] cells of Int64[N, W] boards, once it is lifted."""
+        lifted = lift(board, pick)
+        mask = placeable(self.reach, lifted, target)
+        values: Tensor = self.networks["place"](encode(self.reach, lifted, target, mask, self.encoding))[0]
+        return values
 
     def set_epsilon(self, epsilon: float) -> None:
         """How often a head acts at random."""

@@ -101,6 +101,17 @@ class Single:
         for greedy in self._greedy:
             greedy.set_epsilon(epsilon)
 
+    def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
+        """Float[N, G]: the mean of Q1 of an obstacle and Q2 of each cell, for Int64[N] picks on Int64[N, W] boards.
+
+        An obstacle past the last slot is valued as the last one."""
+        slot = slot_of(board, pick, self.reach.n_cells).clamp_max(self.n_slots - 1)
+        legal = legal_moves(self.reach, board, target, board[:, None])
+        seen, _, _ = self._see(board, target, legal.pick)
+        of_slot, of_place = self.networks["pick_place"](seen)
+        values: Tensor = (of_slot.gather(1, slot[:, None]) + of_place) / 2
+        return values
+
     def decode(self, batch: TensorDictBase) -> TensorDict:
         """Stored transitions, with observations and masks of this board and the next."""
         board, target, following = batch[keys.BOARD], batch[keys.TARGET], batch["next", keys.BOARD]

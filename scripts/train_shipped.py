@@ -1,0 +1,118 @@
+"""Trains the model that ships inside the package: one separated DQN for every layout, on mixed boards in turn.
+
+python scripts/train_shipped.py [--minutes 25] [--out dore/weights/generalist.safetensors]
+
+Each world below is an environment, a buffer and a test of its own; the networks, the optimiser and the targets are
+one. The weights kept are those of the best mean IPT success over all worlds, on validation splits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import hydra
+import torch
+from omegaconf import OmegaConf
+from tqdm import tqdm
+
+from dore import build
+from dore.agents.sequential import Sequential
+from dore.checkpoint import save_model
+from dore.errors import atomic_write
+from dore.paths import conf_dir
+from dore.run_folder import commit
+from dore.session import trainer_of
+from dore.training import Trainer
+
+WORLDS = (
+    "layout=8x8 instances=z3-13 reach=wide_hand",
+    "layout=6x6 instances=z3-9 reach=wide_hand",
+    "layout=3x6 instances=z3-9 reach=wide_hand",
+    "layout=7x7 instances=z3-10 reach=paper_fit",
+    "layout=3x6 instances=z3-9 reach=paper_fit",
+    "layout=6x6 instances=z3-9 reach=paper_fit",
+    "layout=3x6 instances=z3-9 reach=panda_slim",
+)
+SHARED = (
+    "agent=sequential agent.encoding=lanes network=cells optimizer.lr=0.0007 env.num_envs=128 "
+    "training.batch_size=256 training.updates_per_step=2 exploration.anneal_steps=20000 "
+    "ipt.n_batches=1 ipt.target_success=1.0 logger=none"
+)
+
+
+@dataclass
+class Course:
+    """The worlds' trainers, which share one agent, and what each environment shows now."""
+
+    trainers: list[Trainer]
+    shown: list[Any]
+    best: float = -1.0
+    tests: list[dict[str, float]] = field(default_factory=list)
+
+
+def main() -> None:
+    """Train, test now and then, keep the best, and write the model card's figures beside it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=25.0)
+    parser.add_argument("--test-minutes", type=float, default=2.5, help="between two tests")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=Path("dore/weights/generalist.safetensors"))
+    parser.add_argument("overrides", nargs="*", help="of every world, for tests")
+    chosen = parser.parse_args()
+    course, config = _course(chosen.seed, chosen.overrides)
+    began = tested = time.perf_counter()
+    with tqdm(total=round(60 * chosen.minutes), unit="s") as bar:
+        while (now := time.perf_counter()) - began < 60 * chosen.minutes:
+            for number, trainer in enumerate(course.trainers):
+                course.shown[number] = trainer.iterate(course.shown[number])
+            bar.n = round(now - began)
+            bar.set_postfix_str(f"best {course.best:.4f}, loss {course.trainers[0].progress.loss:.3f}")
+            if now - tested > 60 * chosen.test_minutes:
+                _test(course, config, chosen.out, now - began)
+                tested = time.perf_counter()
+    _test(course, config, chosen.out, time.perf_counter() - began)
+
+
+def _course(seed: int, overrides: list[str]) -> tuple[Course, dict[str, Any]]:
+    """One trainer a world; the first one's agent, optimiser and targets serve all."""
+    trainers: list[Trainer] = []
+    config: dict[str, Any] = {}
+    for number, world in enumerate(WORLDS):
+        with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+            cfg = hydra.compose("train", [*world.split(), *SHARED.split(), f"seed={seed}", *overrides])
+        trainer = trainer_of(cfg)
+        if number:
+            trainer.agent = cast(Sequential, trainers[0].agent).on(build.reach_of(cfg, cfg.device))
+            trainer.optimizer, trainer.targets = trainers[0].optimizer, trainers[0].targets
+        else:
+            plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
+            config = {name: plain[name] for name in (*build.MODEL, "seed")}
+        trainers.append(trainer)
+    torch.manual_seed(seed)
+    return Course(trainers, [trainer.env.reset() for trainer in trainers]), config
+
+
+def _test(course: Course, config: dict[str, Any], out: Path, seconds: float) -> None:
+    """An IPT of every world; the weights are kept if they are the best so far."""
+    results = [trainer.run_test() for trainer in course.trainers]
+    mean = sum(result.success for result in results) / len(results)
+    named = {world: result.success for world, result in zip(WORLDS, results, strict=True)}
+    updates = sum(trainer.progress.updates for trainer in course.trainers)
+    course.tests.append({"seconds": seconds, "updates": updates, "mean": mean, **named})
+    tqdm.write(json.dumps(course.tests[-1]))
+    if mean > course.best:
+        course.best = mean
+        out.parent.mkdir(parents=True, exist_ok=True)
+        save_model(out, course.trainers[0].agent.networks.state_dict(), config)
+    about = {"commit": commit(), "torch": torch.__version__, "seed": config["seed"], "tests": course.tests}
+    with atomic_write(out.with_suffix(".json")) as file:
+        json.dump(about, file, indent=2)
+
+
+if __name__ == "__main__":
+    main()
