@@ -7,4 +7,4 @@ out=${OUT:-outputs/table1}
 train_models tables/table1 "$out"
 evaluate_model "$out/single" exact,graph_search,learned
 evaluate_model "$out/sequential" exact,learned,guided
-"$bin/python" scripts/paper_table.py 1 "$out" "${REPORT:-docs/results/table1}"
+"$bin/python" -m scripts.paper_table 1 "$out" "${REPORT:-docs/results/table1}"

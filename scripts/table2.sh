@@ -8,4 +8,4 @@ train_models tables/table2 "$out"
 # What cannot be solved and is not seen to be would cost transfer learning its whole time: 20 s, and not 60.
 evaluate_model "$out/single" exact,straight_line,learned,transfer planners.transfer.max_seconds=20
 evaluate_model "$out/sequential" exact,learned,guided
-"$bin/python" scripts/paper_table.py 2 "$out" "${REPORT:-docs/results/table2}"
+"$bin/python" -m scripts.paper_table 2 "$out" "${REPORT:-docs/results/table2}"

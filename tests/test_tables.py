@@ -8,7 +8,7 @@ import pytest
 
 from dore.errors import InputError
 from dore.evaluation import Row, Timing
-from dore.intervals import mean_interval, percentile, wilson
+from dore.intervals import mean_interval, percentile, ratio_interval, wilson
 from dore.plan import Status
 from dore.tables import as_markdown, as_text, compare, paired_table, summarise, summary_table
 
@@ -43,6 +43,17 @@ def test_mean_interval_is_students() -> None:
     assert found.low == pytest.approx(10 - found.high)
     assert math.isnan(mean_interval([1, 2, 3]).low)
     assert math.isnan(mean_interval([]).value)
+
+
+def test_ratio_interval_is_the_ratio_estimators() -> None:
+    found = ratio_interval([2, 3, 6, 5], [1, 2, 3, 2])
+    # 16 / 8; residuals 0, -1, 0, 1, whose sd is sqrt(2 / 3); t(3) = 3.18245; the base's mean is 2.
+    assert found.value == 2
+    assert found.high - 2 == pytest.approx(3.18245 * math.sqrt(2 / 3) / math.sqrt(4) / 2, rel=1e-2)
+    assert found.low == pytest.approx(4 - found.high)
+    assert math.isnan(ratio_interval([1, 2], [1, 2]).low)
+    assert math.isnan(ratio_interval([1, 2], [0, 0]).value)
+    assert math.isnan(ratio_interval([], []).value)
 
 
 def test_percentiles_interpolate() -> None:
@@ -86,6 +97,7 @@ def test_a_comparison_uses_the_instances_that_all_solved() -> None:
     assert mine.difference.value == pytest.approx(-4 / 3)
     assert mine.change_percent == pytest.approx(-40.0)
     assert reference.difference.value == 0
+    assert mine.ratio.value == pytest.approx(0.6)
     assert compare(rows, reference="a")[1].change_percent == pytest.approx(100 * (10 / 6 - 1))
 
 
