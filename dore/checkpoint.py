@@ -19,6 +19,8 @@ from dore.tensor_files import read_tensors, write_tensors
 CHECKPOINT_FORMAT = "dore-checkpoint/1"
 MODEL_FORMAT = "dore-model/1"
 MODEL_NAME = "model.safetensors"
+SHIPPED = Path(__file__).parent / "weights" / "generalist.safetensors"
+"""The model inside the package, for every layout; its card lies beside it."""
 
 
 def save_checkpoint(path: str | os.PathLike[str], parts: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, open_dict
 
 from dore import build, run_folder, tables
-from dore.checkpoint import load_checkpoint, load_model
+from dore.checkpoint import SHIPPED, load_checkpoint, load_model
 from dore.errors import InputError, path_of, seed_of
 from dore.evaluation import ROWS, Timing, evaluate_into, read_rows
 from dore.instances import InstanceSet, scenes_of
@@ -210,6 +210,6 @@ def _resumed_config(folder: Path) -> DictConfig:
     return cfg
 
 
-def _model_config(cfg: DictConfig) -> Mapping[str, Any] | None:
-    """What the given model was made with."""
-    return None if cfg.model is None else load_model(path_of("model", cfg.model))[1]
+def _model_config(cfg: DictConfig) -> Mapping[str, Any]:
+    """What the given model was made with, or the one in the package."""
+    return load_model(SHIPPED if cfg.model is None else path_of("model", cfg.model))[1]

@@ -7,7 +7,7 @@ import time
 
 from dore.agents.common import Agent
 from dore.build import agent_of, make
-from dore.checkpoint import load_model
+from dore.checkpoint import SHIPPED, load_model
 from dore.errors import InputError, path_of, whole
 from dore.layout import Layout
 from dore.plan import Plan, Status
@@ -22,33 +22,31 @@ class Learned:
     """Acts by the largest legal Q-value; boards it has visited are ruled out, so it never loops.
 
     Args:
-        reach: may differ from the one trained on; the layout may not.
-        model: a run directory or a model file.
+        reach: may differ from the one trained on; the layout only where the networks serve every layout.
+        model: a run directory or a model file; None: the one in the package, which does.
         max_moves: gives up after so many.
 
     Raises:
-        InputError: no model, a damaged one, or one of another layout.
+        InputError: no such model, a damaged one, or one of another layout.
     """
 
     name = "learned"
 
     def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
-        if model is None:
-            raise InputError("model: not given, want model=RUN_DIR or a model file")
-        path_of("model", model)
         self.reach = reach
         self.max_moves = whole("planner.learned.max_moves", max_moves, 1)
-        weights, config = load_model(model)
-        trained_on: Layout = make(config.get("layout"), f"{model}: layout")
-        wanted, given = trained_on.to_dict(), reach.layout.to_dict()
-        if wanted != given:
-            raise InputError(f"model: {model} is for layout {wanted}, this one is {given}")
-        self._file, self._weights, self._config = model, weights, config
+        self._file = SHIPPED if model is None else path_of("model", model)
+        self._weights, self._config = load_model(self._file)
         self.agent = self.copy_of_agent()
 
     def copy_of_agent(self) -> Agent:
         """The model's agent anew, with weights of its own."""
         agent = agent_of(self._config, self.reach)
+        if not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
+            trained_on: Layout = make(self._config.get("layout"), f"{self._file}: layout")
+            wanted, given = trained_on.to_dict(), self.reach.layout.to_dict()
+            if wanted != given:
+                raise InputError(f"model: {self._file} is for layout {wanted}, this one is {given}")
         try:
             agent.networks.load_state_dict(self._weights)
         except RuntimeError as error:

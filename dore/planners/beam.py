@@ -1,0 +1,158 @@
+"""Beam search over the boards of many instances at once, a layer a move, led by Q-values. `Guided` says the rest.
+
+N denotes the boards of a layer, P pairs of a board and a pick, n the instances, W the words of a board, G the cells.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from dore.board import bit, count, unpack
+from dore.planners.seen import OutOfMemory, SeenBoards
+from dore.reach import Reach
+from dore.rules import lift, pickable, placeable
+from dore.sampling import Batch
+
+MoveValues = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""Boards Int64[P, W], targets and picks Int64[P] -> Float[P, G], the value of placing on each cell."""
+
+
+class Found(NamedTuple):
+    """How a search ended, one entry an instance."""
+
+    moves: list[list[tuple[int, int]] | None]
+    """(pick, place) cells of a plan, if one was found."""
+    narrow: list[bool]
+    """Moves were left out because the beam was too narrow, or because time or memory ran out."""
+    cut: list[bool]
+    """Boards were left whose plans would have been longer than was asked for."""
+    expansions: list[int]
+    """Boards whose moves were looked at."""
+    boards: list[int]
+    """Different boards seen."""
+
+
+class Beam:
+    """One search of some instances, which keeps the `width` most promising moves of each in every layer.
+
+    Args:
+        start: boards and targets of instances whose target is not accessible.
+        max_moves: Int64[n]: the longest plan that is looked for.
+        max_bytes: what the boards seen may take; a search that needs more ends there.
+        until: when to end, by `time.perf_counter`.
+    """
+
+    def __init__(
+        self,
+        reach: Reach,
+        values: MoveValues,
+        start: Batch,
+        width: int,
+        max_moves: Tensor,
+        max_bytes: float,
+        until: float,
+    ) -> None:
+        self.reach, self.values, self.target = reach, values, start.target
+        self.width, self.max_moves, self.until = width, max_moves, until
+        n, device = len(start.target), start.board.device
+        self.seen = SeenBoards(start.board.shape[-1], max_bytes, device)
+        row = torch.arange(n, device=device)
+        self.layer = self.seen.add(start.board, row, torch.full_like(row, -1), torch.zeros_like(row))
+        self.narrow, self.cut = torch.zeros(2, n, dtype=torch.bool, device=device)
+        self.expansions = torch.zeros(n, dtype=torch.int64, device=device)
+        self.parent = torch.full((n,), -1, dtype=torch.int64, device=device)
+        """Of solved instances, where `seen` keeps the board before the last move."""
+        self.last = torch.zeros(n, 2, dtype=torch.int64, device=device)
+        """Their last move."""
+
+    @torch.no_grad()
+    def run(self) -> Found:
+        """Search layer by layer until every instance is solved, exhausted or out of moves, time or memory."""
+        while len(self.layer):
+            row = self.seen.row[self.layer]
+            unsolved = self.parent[row] < 0
+            in_length = self.seen.moves[self.layer] < self.max_moves[row]
+            self.cut[row[unsolved & ~in_length]] = True
+            self.layer = self.layer[unsolved & in_length]
+            try:
+                self._expand()
+            except OutOfMemory:
+                break
+            if time.perf_counter() >= self.until:
+                break
+        row = self.seen.row[self.layer]
+        self.narrow[row[self.parent[row] < 0]] = True
+        return self._found()
+
+    def _found(self) -> Found:
+        solved, last = (self.parent >= 0).tolist(), self.last.tolist()
+        moves = [
+            [*before, (pick, place)] if one else None
+            for before, (pick, place), one in zip(self.seen.moves_to(self.parent), last, solved, strict=True)
+        ]
+        boards = self.seen.row[: self.seen.size].bincount(minlength=len(solved)).tolist()
+        return Found(moves, self.narrow.tolist(), self.cut.tolist(), self.expansions.tolist(), boards)
+
+    def _expand(self) -> None:
+        """The next layer; instances that a last move solves leave the search."""
+        board, row = self.seen.board[self.layer], self.seen.row[self.layer]
+        self.expansions.index_add_(0, row, torch.ones_like(row))
+        pick = pickable(self.reach, board, self.target[row]) & ~unpack(self._just_placed(), self.reach.n_cells)
+        source, cell = pick.nonzero(as_tuple=True)
+        row, target = row[source], self.target[row[source]]
+        lifted = lift(board[source], cell)
+        place = placeable(self.reach, lifted, target) & ~unpack(board[source], self.reach.n_cells)
+        values = self.values(board[source], target, cell)
+        opens = place & self._opens(lifted, target)
+        self._finish(opens, values, self.layer[source], cell, row)
+        going = self.parent[row] < 0
+        pair, to = (place & going[:, None]).nonzero(as_tuple=True)
+        best = self._best(values[pair, to], row[pair])
+        pair, to = pair[best], to[best]
+        after = lifted[pair] | bit(to, lifted.shape[-1])
+        parent = self.layer[source[pair]]
+        self.layer = self.seen.add(after, row[pair], parent, self.seen.moves[parent] + 1)
+
+    def _just_placed(self) -> Tensor:
+        """Int64[N, W]: the obstacle that the move to each board of the layer put down; none on a start board."""
+        parent = self.seen.parent[self.layer]
+        before = self.seen.board[parent.clamp_min(0)]
+        return torch.where((parent >= 0)[:, None], self.seen.board[self.layer] & ~before, 0)
+
+    def _opens(self, lifted: Tensor, target: Tensor) -> Tensor:
+        """Bool[P, G]: cells on which a lifted obstacle leaves the target accessible."""
+        lanes = self.reach.blocking_sets[:, target]
+        free = (lifted & lanes).eq(0).all(-1)
+        opens = torch.zeros(len(target), self.reach.n_cells, dtype=torch.bool, device=lifted.device)
+        for lane, is_free in zip(lanes, free, strict=True):
+            opens |= is_free[:, None] & ~unpack(lane, self.reach.n_cells)
+        return opens
+
+    def _finish(self, opens: Tensor, values: Tensor, parent: Tensor, pick: Tensor, row: Tensor) -> None:
+        """End the instances that a Bool[P, G] move solves, by the most valued of these."""
+        some = opens.any(-1)
+        best, to = values[some].masked_fill(~opens[some], -torch.inf).max(-1)
+        # The last write of a row is its best.
+        order = best.argsort(stable=True)
+        at = row[some][order]
+        self.parent[at] = parent[some][order]
+        self.last[at] = torch.stack([pick[some], to], -1)[order]
+
+    def _best(self, values: Tensor, row: Tensor) -> Tensor:
+        """Which moves go on: of each row the `width` most valued."""
+        order = values.argsort(descending=True, stable=True)
+        order = order[row[order].argsort(stable=True)]
+        per_row = row.bincount(minlength=len(self.narrow))
+        rank = torch.arange(len(row), device=row.device) - (per_row.cumsum(0) - per_row)[row[order]]
+        self.narrow |= per_row > self.width
+        return order[rank < self.width]
+
+
+def fewest_blocking(reach: Reach, start: Batch) -> Tensor:
+    """Int64[n]: obstacles on the target's best lane, each of which has to go: no plan is shorter."""
+    return count(start.board & reach.blocking_sets[:, start.target]).amin(0)

@@ -1,0 +1,171 @@
+"""Search led by the Q-networks: near-optimal plans in milliseconds, and a proof where there is none."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import dataclass
+
+import torch
+
+from dore.errors import number, whole
+from dore.plan import Plan, Status
+from dore.planners.base import Draft, checked_plans
+from dore.planners.beam import Beam, fewest_blocking
+from dore.planners.bounds import DeleteRelaxation
+from dore.planners.learned import Learned
+from dore.reach import Reach
+from dore.rules import retrievable
+from dore.sampling import Batch
+
+GROUP = 64
+"""Instances searched together."""
+WIDER = 4
+"""By how much a beam that found nothing, or may find a shorter plan, is widened."""
+MEGABYTE = 2**20
+LOCKED = "1 board seen: what blocks the target can never be reached"
+
+
+@dataclass
+class _Search:
+    """How far the work on one instance is. fewest: no plan is shorter; proved: of the moves, or that there are none."""
+
+    fewest: int
+    moves: list[tuple[int, int]] | None = None
+    proved: bool = False
+    refusal: str = ""
+    """Why there is no plan, or none was found."""
+    over: bool = False
+    expansions: int = 0
+    seconds: float = 0.0
+
+    def draft(self) -> Draft:
+        """What came of it."""
+        if self.moves is not None:
+            optimal = len(self.moves) if self.proved else None
+            return Draft(self.moves, Status.SOLVED, self.seconds, self.expansions, optimal)
+        status = Status.UNSOLVABLE if self.proved else Status.GAVE_UP
+        return Draft([], status, self.seconds, self.expansions, reason=self.refusal)
+
+
+class Guided:
+    """Complete anytime beam search (Zhang, 1998) with Q-values as the heuristic.
+
+    A layer holds the boards after one move more. As in Q* (Agostinelli and others, 2021), a move is ranked by the
+    Q-value that the network gives it, so one pass ranks all places of a lifted obstacle and no board is made to be
+    judged. The `width` most valued moves of an instance make the next layer; boards seen before are dropped. Whether
+    a move opens the target is not left to the network: each one in sight is tested, so the first layer with a
+    solution gives the shortest plan within the beam.
+
+    Where none is found the beam is widened and the search begun again, until a plan is found, or nothing had to be
+    left out, which proves that there is none, or the budget is spent. What `DeleteRelaxation.locked` proves to be
+    unsolvable is not searched twice. A plan as short as the fewest obstacles on any lane of the target is optimal; one
+    that is longer may be improved by a wider beam for `improve_seconds`, where the shorter plans are exhausted
+    proves it too.
+
+    Args:
+        reach: may differ from the one trained on.
+        model: a run directory or a model file; None: the one in the package, which serves every layout.
+        width: moves kept in each layer by the first search.
+        max_nodes: gives an instance up after so many expanded boards.
+        max_seconds: gives an instance up after so many wall seconds of its own.
+        max_moves: longest plan that the first two searches look for; each one after them looks twice as far.
+        max_memory_mb: what the boards seen may take at a time, MiB.
+        improve_seconds: looks for a shorter plan until so many wall seconds of an instance are spent; 0 never.
+
+    Raises:
+        InputError: what `Learned` raises, or a number outside its domain.
+    """
+
+    name = "guided"
+
+    def __init__(
+        self,
+        reach: Reach,
+        model: str | os.PathLike[str] | None,
+        width: int,
+        max_nodes: int,
+        max_seconds: float,
+        max_moves: int,
+        max_memory_mb: float,
+        improve_seconds: float,
+    ) -> None:
+        self.reach = reach
+        self.agent = Learned(reach, model, max_moves=whole("planner.guided.max_moves", max_moves, 1)).agent
+        self.width = whole("planner.guided.width", width, 1)
+        self.max_nodes = whole("planner.guided.max_nodes", max_nodes, 1)
+        self.max_seconds = number("planner.guided.max_seconds", max_seconds, above=0.0)
+        self.max_moves = max_moves
+        self.max_bytes = MEGABYTE * number("planner.guided.max_memory_mb", max_memory_mb, above=0.0)
+        self.improve_seconds = number("planner.guided.improve_seconds", improve_seconds, above=-1e-12)
+        self.relaxation = DeleteRelaxation(reach)
+
+    def plan(self, batch: Batch) -> list[Plan]:
+        """All instances, `GROUP` at a time; see `Planner`."""
+        drafts: list[Draft] = []
+        for first in range(0, len(batch.target), GROUP):
+            part = Batch(batch.board[first : first + GROUP], batch.target[first : first + GROUP])
+            drafts += self._drafts(part)
+        return checked_plans(self.reach, batch, drafts, self.name)
+
+    def _drafts(self, start: Batch) -> list[Draft]:
+        began = time.perf_counter()
+        searches = [_Search(fewest) for fewest in fewest_blocking(self.reach, start).tolist()]
+        for search, is_open in zip(searches, retrievable(self.reach, *start).tolist(), strict=True):
+            if is_open:
+                search.moves, search.proved, search.over = [], True, True
+        width, longest = self.width, self.max_moves
+        while alive := [row for row, search in enumerate(searches) if not search.over]:
+            self._widen(start, searches, alive, width, longest, began)
+            if width == self.width:
+                self._refuse_locked(start, searches)
+            share = (time.perf_counter() - began) / len(alive)
+            for row in alive:
+                searches[row].seconds += share
+                self._judge(searches[row])
+            began = time.perf_counter()
+            # Wider before longer: what looks like no way in the beam is mostly a short one beside it.
+            width, longest = width * WIDER, 2 * longest if width > WIDER * self.width else longest
+        return [search.draft() for search in searches]
+
+    def _widen(
+        self, start: Batch, searches: list[_Search], alive: list[int], width: int, longest: int, began: float
+    ) -> None:
+        """One beam for those that are alive: any plan, or a shorter one than is known."""
+        ongoing = [searches[row] for row in alive]
+        most = [longest if one.moves is None else len(one.moves) - 1 for one in ongoing]
+        left = [(self.max_seconds if one.moves is None else self.improve_seconds) - one.seconds for one in ongoing]
+        rows = torch.tensor(alive, device=start.target.device)
+        part = Batch(start.board[rows], start.target[rows])
+        limit, until = torch.tensor(most, device=rows.device), began + max(left) * len(alive)
+        found = Beam(self.reach, self.agent.move_values, part, width, limit, self.max_bytes, until).run()
+        for one, moves, narrow, cut, expansions, boards in zip(ongoing, *found, strict=True):
+            one.expansions += expansions
+            if moves is not None:
+                one.moves, one.proved = moves, len(moves) == one.fewest or len(moves) == 1
+            elif one.moves is not None:
+                one.proved = not narrow
+            elif not narrow and not cut:
+                one.proved, one.refusal = True, f"all {boards} boards that can be reached are exhausted"
+
+    def _refuse_locked(self, start: Batch, searches: list[_Search]) -> None:
+        """End the instances that no wider beam is needed for."""
+        rows = [row for row, search in enumerate(searches) if search.moves is None and not search.proved]
+        if not rows:
+            return
+        locked = self.relaxation.locked(start.board[rows], start.target[rows]).tolist()
+        for row in (row for row, shut in zip(rows, locked, strict=True) if shut):
+            searches[row].proved, searches[row].refusal = True, LOCKED
+
+    def _judge(self, search: _Search) -> None:
+        """Whether the work on an instance is over."""
+        spent = ""
+        if search.expansions >= self.max_nodes:
+            spent = "node budget"
+        elif search.seconds >= self.max_seconds:
+            spent = "time budget"
+        if search.moves is not None:
+            search.over = search.proved or bool(spent) or search.seconds >= self.improve_seconds
+        else:
+            search.over = search.proved or bool(spent)
+            search.refusal = search.refusal or spent
