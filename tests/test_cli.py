@@ -188,11 +188,11 @@ def test_bad_evaluate_config(model, tmp_path, capsys, overrides, says):
     assert not (tmp_path / "e").exists()
 
 
-def test_evaluate_without_a_model(tmp_path, capsys):
-    assert run("evaluate", [f"run_dir={tmp_path / 'e'}"]) == 2
-    assert "layout: not given" in said(capsys)
-    world = ["layout=3x6", "reach=wide_hand", "instances=z3-5", "limit=10"]
-    assert run("evaluate", [*world, "planner=straight_line", f"run_dir={tmp_path / 'e'}"]) == 0
+def test_evaluate_without_a_model_takes_the_one_in_the_package(tmp_path, capsys):
+    small = ["limit=10"]
+    assert run("evaluate", [*small, f"run_dir={tmp_path / 'e'}"]) == 0
+    world = ["layout=3x6", "reach=wide_hand", "instances=z3-5"]
+    assert run("evaluate", [*world, *small, "planner=straight_line", f"run_dir={tmp_path / 'f'}"]) == 0
 
 
 def test_plan_writes_a_plan_that_replays(model, tmp_path, capsys):

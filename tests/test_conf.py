@@ -45,11 +45,7 @@ def test_every_experiment_builds(experiment):
     trainer_of(compose("train", [f"experiment={experiment}", *train_size, *SMALL]))
 
 
-def needs_a_model(planner: str) -> bool:
-    return "model: ${model}" in (conf_dir() / "planner" / f"{planner}.yaml").read_text(encoding="utf-8")
-
-
-@pytest.mark.parametrize("planner", [name for name in options("planner") if not needs_a_model(name)])
+@pytest.mark.parametrize("planner", options("planner"))
 def test_every_planner_builds(planner):
     cfg = compose("evaluate", [f"planner={planner}", "layout=3x6", "reach=wide_hand", "instances=z3-7"])
     reach = build.reach_of(build.world_of(cfg, None), "cpu")

@@ -1,0 +1,101 @@
+"""What the lanes say of each cell, against the definition worked out a cell at a time."""
+
+from __future__ import annotations
+
+import torch
+
+from dore.board import bit, pack, unpack
+from dore.features import encode, n_planes
+from dore.lane_features import LEVELS, N_PLANES, NEVER, SPARE, lane_costs, lane_planes
+from dore.planners.beam import fewest_blocking
+from dore.reach import Reach
+from dore.rules import placeable
+from dore.sampling import Batch, Difficulty, FreshInstances
+from tests.drawings import cells_of, scene_of, wide_hand
+
+
+def drawn(drawing: str) -> tuple[Reach, torch.Tensor, torch.Tensor]:
+    scene = scene_of(drawing)
+    rows, cols = scene.layout.grid_shape
+    occupied = torch.zeros(1, rows * cols, dtype=torch.bool)
+    occupied[0, list(scene.obstacles)] = True
+    return wide_hand(rows, cols), pack(occupied), torch.tensor([scene.target])
+
+
+def test_one_obstacle_in_the_way():
+    drawing = """
+        . T .
+        . o .
+        . . .
+    """
+    reach, board, target = drawn(drawing)
+    costs = lane_costs(reach, board, target)
+    (obstacle,) = cells_of(drawing, "o")
+    assert costs.now.tolist() == [1]
+    assert costs.changed[0, obstacle] == 0, "gone, nothing is left to do"
+    assert costs.depth[0, obstacle] == 0, "the hand gets to it"
+    assert costs.depth[0, target[0]] == 1
+
+
+def test_what_stands_before_the_obstacle_counts():
+    reach, board, target = drawn("T\no\no\n.")
+    costs = lane_costs(reach, board, target)
+    assert costs.now.tolist() == [2]
+    assert costs.changed[0].tolist() == [3, 1, 1, 2], "one more in front, one less, one less; the target's own cell"
+
+
+def by_hand(reach: Reach, standing: set[int], target: int, cell: int | None) -> int:
+    """`changed` of a cell (`now` where it is None), from the definition."""
+    lanes = [set(unpack(lane, reach.n_cells).nonzero().squeeze(-1).tolist()) for lane in reach.blocking_sets[:, target]]
+    ways = unpack(reach.blocking_sets, reach.n_cells)
+    after = standing ^ {cell} if cell is not None else standing
+    fewest = min(len(standing & lane) for lane in lanes)
+    best = []
+    for lane in lanes:
+        if len(standing & lane) > fewest + SPARE:
+            continue
+        extra = 0
+        for obstacle in standing & lane - {cell}:
+            options = []
+            for way in ways[:, obstacle]:
+                beside = set(way.nonzero().squeeze(-1).tolist()) - lane
+                cost = NEVER if target in beside else len(standing & beside)
+                if cell in beside:
+                    cost += 1 if cell in after else -1
+                options.append(cost)
+            extra += min(options)
+        best.append(len(after & lane) + min(extra, NEVER))
+    return min(best)
+
+
+def test_costs_are_those_of_the_definition():
+    reach = wide_hand(5, 5)
+    board, target = FreshInstances(reach, Difficulty(3, 12), "train", 3).draw(40)
+    costs = lane_costs(reach, board, target)
+    for row in range(40):
+        standing = set(unpack(board[row], 25).nonzero().squeeze(-1).tolist())
+        goal = int(target[row])
+        assert int(costs.now[row]) == by_hand(reach, standing, goal, None)
+        for cell in set(range(25)) - {goal}:
+            assert min(int(costs.changed[row, cell]), NEVER) == min(by_hand(reach, standing, goal, cell), NEVER)
+
+
+def test_blocking_is_the_fewest_on_a_lane_once_the_cell_is_changed():
+    reach = wide_hand(8, 8)
+    board, target = FreshInstances(reach, Difficulty(3, 13), "train", 1).draw(30)
+    costs = lane_costs(reach, board, target)
+    for cell in range(64):
+        changed = board ^ bit(torch.full_like(target, cell), 1)
+        assert torch.equal(costs.blocking[:, cell].long(), fewest_blocking(reach, Batch(changed, target)))
+
+
+def test_a_row_is_what_it_is_alone_and_shapes_fit():
+    reach = wide_hand(4, 6)
+    board, target = FreshInstances(reach, Difficulty(3, 9), "train", 2).draw(20)
+    planes = lane_planes(reach, board, target)
+    assert planes.shape == (20, N_PLANES, 24)
+    assert planes[:, : 4 * LEVELS].unflatten(1, (4, LEVELS)).sum(2).eq(1).all(), "one level of each cost"
+    alone = torch.cat([lane_planes(reach, board[row, None], target[row, None]) for row in range(20)])
+    assert torch.equal(planes, alone)
+    mask = placeable(reach, board, target)
+    assert encode(reach, board, target, mask, "lanes").shape[1] == n_planes("lanes", with_mask=True)
