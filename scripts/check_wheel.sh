@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the wheel and runs it outside the checkout: the configs must be inside it.
+# Builds the wheel and runs it outside the checkout: the configs and the model must be inside it.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -17,4 +17,6 @@ assert pathlib.Path(dore.__file__).is_relative_to('$work/site'), dore.__file__
 from dore.cli import train
 train()" experiment=demo run_dir="$work/run" training.max_minutes=0.05 instances.validation_size=1000
 test -f "$work/run/model.safetensors"
+PYTHONPATH=$work/site "$bin/python" -c "from dore.cli import plan; plan()" planner=guided out="$work/plan.json" >/dev/null
+test -f "$work/plan.json"
 echo "the wheel works outside the checkout"

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from dore.board import pack
+from dore.board import count
 from dore.layout import Layout
 from dore.planners import bounds
-from dore.planners.bounds import DeleteRelaxation, popcount
+from dore.planners.bounds import DeleteRelaxation
 from dore.planners.exact import Exact
 from dore.reach import Reach
 from dore.rules import retrievable
@@ -25,7 +25,7 @@ def least_budgets(reach: Reach, cases: list[tuple[Board, int]], most: int) -> tu
     board, target = batch_of(reach, cases)
     relaxation = DeleteRelaxation(reach)
     lanes = relaxation.lanes_of(target)
-    blocking = popcount(board[:, None] & lanes)
+    blocking = count(board[:, None] & lanes)
     least = torch.full_like(target, most)
     before = torch.zeros_like(blocking, dtype=torch.bool)
     for budget in range(most):
@@ -95,9 +95,3 @@ def test_how_much_is_tested_changes_no_answer(monkeypatch: pytest.MonkeyPatch, n
     cells = [draw.sample(range(16), draw.randint(8, 15)) for _ in range(60)]
     cases = [(frozenset(obstacles), target) for target, *obstacles in cells]
     check_against_enumeration(wide_hand(4, 4), cases)
-
-
-def test_popcount() -> None:
-    occupied = torch.rand(50, 128, generator=torch.Generator().manual_seed(0)) < 0.5
-    occupied[0], occupied[1] = True, False
-    assert popcount(pack(occupied)).tolist() == occupied.sum(-1).tolist()

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.board import bit, unpack
+from dore.board import bit, count, unpack
 from dore.plan import Status
 from dore.planners.base import Draft
-from dore.planners.bounds import DeleteRelaxation, popcount
+from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.seen import SeenBoards
 from dore.reach import Reach
 from dore.rules import lift, pickable, placeable, retrievable
@@ -69,7 +69,7 @@ class Search:
         self.goal = torch.full((n,), -1, dtype=torch.int64, device=device)
         """Of solved instances, where `seen` keeps the board that opens the target."""
         self.ended: list[tuple[Status, str]] = [(Status.GAVE_UP, "")] * n
-        self.first_bound = popcount(start.board[:, None] & relaxation.lanes_of(start.target)).amin(-1)
+        self.first_bound = count(start.board[:, None] & relaxation.lanes_of(start.target)).amin(-1)
         self.lock_tested = False
         self.clock = time.perf_counter()
 
@@ -116,7 +116,7 @@ class Search:
         """End the instances that no search is needed for; a test that most are solved without."""
         self.lock_tested = True
         shut = self.alive & self.relaxation.locked(*self.start)
-        self._end(shut, Status.UNSOLVABLE, "1 board seen: what blocks the target can never be reached")
+        self._end(shut, Status.UNSOLVABLE, LOCKED)
 
     def _work(self, excess: int, budget: int, place: Tensor) -> None:
         """Expand boards with a budget; put their successors in line, and themselves unless nothing is left out."""
@@ -164,7 +164,7 @@ class Search:
         board, row = self.seen.board[place], self.seen.row[place]
         target = self.start.target[row]
         lanes = self.relaxation.lanes_of(target)
-        return _Step(place, board, row, target, lanes, popcount(board[:, None] & lanes))
+        return _Step(place, board, row, target, lanes, count(board[:, None] & lanes))
 
     def _just_placed(self, place: Tensor) -> Tensor:
         """Int64[N, W]: the obstacle that the move to each board put down; none on a start board."""

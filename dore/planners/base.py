@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import torch
@@ -47,6 +47,12 @@ class Draft(NamedTuple):
     """The proved fewest moves, where known."""
     reason: str = ""
     """Why there is no solution, in a few words."""
+
+
+def parts_of(batch: Batch, size: int) -> Iterator[Batch]:
+    """The instances of a batch, `size` at a time."""
+    for first in range(0, len(batch.target), size):
+        yield Batch(batch.board[first : first + size], batch.target[first : first + size])
 
 
 def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: str) -> list[Plan]:

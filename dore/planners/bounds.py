@@ -20,16 +20,8 @@ MAX_SPARE = 4
 MAX_WAYS = 32768
 """Where more ways than this turn up in a test, what is still untested is taken for open."""
 
-
-def popcount(words: Tensor) -> Tensor:
-    """Int64[...]: how many bits of Int64[..., W] are set, by halves (Hacker's Delight, section 5-1)."""
-    x = words - ((words >> 1) & 0x5555555555555555)
-    x = (x & 0x3333333333333333) + ((x >> 2) & 0x3333333333333333)
-    x = (x + (x >> 4)) & 0x0F0F0F0F0F0F0F0F
-    x = x + (x >> 8)
-    x = x + (x >> 16)
-    x = (x + (x >> 32)) & 0x7F
-    return x[..., 0] if x.shape[-1] == 1 else x.sum(-1)
+LOCKED = "1 board seen: what blocks the target can never be reached"
+"""The reason of a plan that `DeleteRelaxation.locked` refuses."""
 
 
 class _Ways(NamedTuple):
@@ -107,7 +99,7 @@ class DeleteRelaxation:
         sets = self.sets[cell]
         others = ways.wanted | boards.bit(target, ways.board.shape[-1])
         blockers = sets & ways.board[way, None]
-        cost = popcount(blockers)
+        cost = boards.count(blockers)
         possible = (cost <= ways.spare[way, None]) & ((sets & others[way, None]) == 0).all(-1)
         at, lane = possible.nonzero(as_tuple=True)
         way = way[at]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dore.errors import number, whole
 from dore.plan import Plan
 from dore.planners.astar import Budget, Search
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import Draft, checked_plans, parts_of
 from dore.planners.bounds import DeleteRelaxation
 from dore.planners.seen import OutOfMemory
 from dore.reach import Reach
@@ -64,10 +64,7 @@ class Exact:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances, `GROUP` at a time; see `Planner`."""
-        drafts: list[Draft] = []
-        for first in range(0, len(batch.target), GROUP):
-            part = Batch(batch.board[first : first + GROUP], batch.target[first : first + GROUP])
-            drafts += self._drafts(part)
+        drafts = [draft for part in parts_of(batch, GROUP) for draft in self._drafts(part)]
         return checked_plans(self.reach, batch, drafts, self.name)
 
     def _drafts(self, part: Batch) -> list[Draft]:

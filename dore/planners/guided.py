@@ -10,9 +10,9 @@ import torch
 
 from dore.errors import number, whole
 from dore.plan import Plan, Status
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import Draft, checked_plans, parts_of
 from dore.planners.beam import Beam, fewest_blocking
-from dore.planners.bounds import DeleteRelaxation
+from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.learned import Learned
 from dore.reach import Reach
 from dore.rules import retrievable
@@ -23,7 +23,6 @@ GROUP = 64
 WIDER = 4
 """By how much a beam that found nothing, or may find a shorter plan, is widened."""
 MEGABYTE = 2**20
-LOCKED = "1 board seen: what blocks the target can never be reached"
 
 
 @dataclass
@@ -102,10 +101,7 @@ class Guided:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances, `GROUP` at a time; see `Planner`."""
-        drafts: list[Draft] = []
-        for first in range(0, len(batch.target), GROUP):
-            part = Batch(batch.board[first : first + GROUP], batch.target[first : first + GROUP])
-            drafts += self._drafts(part)
+        drafts = [draft for part in parts_of(batch, GROUP) for draft in self._drafts(part)]
         return checked_plans(self.reach, batch, drafts, self.name)
 
     def _drafts(self, start: Batch) -> list[Draft]:

@@ -4,36 +4,40 @@ from __future__ import annotations
 
 import os
 import time
-from functools import partial
 
 import torch
-from torchrl.data import LazyTensorStorage, ReplayBuffer
 from torchrl.objectives import SoftUpdate
 
 from dore.agents.common import Agent
 from dore.env import RearrangeEnv, Rewards
 from dore.errors import number, seed_of
-from dore.instances import FixedInstances, InstanceSet
+from dore.instances import InstanceSet
 from dore.performance import PerformanceTest
 from dore.plan import Plan, Status
 from dore.planners.base import Draft, checked_plans
+from dore.planners.bounds import LOCKED, DeleteRelaxation
+from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned, draft_of
 from dore.reach import Reach
 from dore.rollout import Rollout, greedy_rollout
-from dore.rules import has_move
 from dore.sampling import Batch
-from dore.training import Budget, LinearEpsilon, Trainer
+from dore.training import Budget, Ending, LinearEpsilon, Trainer
 
-NUM_ENVS = 32
-"""Episodes of the one instance that are played at once."""
+NUM_ENVS = 512
+"""Episodes of the one instance that are played at once: what exploring finds is the bottleneck, and it is cheap."""
+TEST_EVERY = 16
+"""Episodes between two tests (Algorithm 1: one)."""
 
 
 class Transfer:
     """The greedy policy; on failure, transfer learning on a copy. The base model stays as it was.
 
-    The experience memory is made from episodes of the failed instance alone, played by epsilon-greedy moves. Every
-    few episodes the copy is tested on it, and its first success ends the learning (the paper tests after each
-    episode; ours plays many at once).
+    The experience memory is made from the failed instance alone (`InstanceMemory`), by epsilon-greedy moves. The copy
+    is tested on it every few episodes, and its first success ends the learning (the paper tests after each episode;
+    ours plays many at once).
+
+    Not in the paper, which learns until T_lim: an instance is proved unsolvable where what blocks its target can
+    never be reached (`DeleteRelaxation.locked`), or where the memory comes to hold all boards that can be.
 
     Args:
         reach: as the model's.
@@ -66,6 +70,7 @@ class Transfer:
     ) -> None:
         self.reach = reach
         self.base = Learned(reach, model, max_moves)
+        self.relaxation = DeleteRelaxation(reach)
         self.max_moves = max_moves
         self.seed = seed_of("planner.transfer.seed", seed)
         self.lr = number("planner.transfer.lr", lr, above=0.0)
@@ -76,7 +81,7 @@ class Transfer:
             max_episodes=max_episodes,
             max_minutes=number("planner.transfer.max_seconds", max_seconds, above=0.0) / 60,
             batch_size=batch_size,
-            updates_per_step=2,
+            updates_per_step=4,
             learning_starts=2 * NUM_ENVS,
             max_grad_norm=10.0,
         )
@@ -85,39 +90,53 @@ class Transfer:
         """The base model on all instances at once, then one learning after the other; see `Planner`."""
         began = time.perf_counter()
         rollout = greedy_rollout(self.base.agent.policy, self.reach, batch, self.max_moves)
+        locked = self.relaxation.locked(*batch).tolist()
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         drafts = [draft_of(rollout, row, share) for row in range(len(batch.target))]
         for row, draft in enumerate(drafts):
-            alone = Batch(batch.board[row, None], batch.target[row, None])
-            if draft.status is not Status.SOLVED and bool(has_move(self.reach, *alone)):
+            if locked[row]:
+                drafts[row] = Draft([], Status.UNSOLVABLE, share, draft.expansions, reason=LOCKED)
+            elif draft.status is not Status.SOLVED:
+                alone = InstanceSet(self.reach, batch.board[row, None], batch.target[row, None])
                 drafts[row] = self._learn(alone, share)
         return checked_plans(self.reach, batch, drafts, self.name)
 
-    def _learn(self, alone: Batch, spent_s: float) -> Draft:
+    def _learn(self, instance: InstanceSet, spent_s: float) -> Draft:
         """What a copy of the model makes of one instance; the draft's reason says how long it learned."""
         began = time.perf_counter()
+        memory = InstanceMemory(instance)
+        if memory.exhausted():
+            return _refusal(memory, spent_s + time.perf_counter() - began)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             agent = self.base.copy_of_agent()
-            trainer = self._trainer(agent, InstanceSet(self.reach, *alone))
-            trainer.run(lambda progress, tested: None, stop=lambda: False)
-        rollout: Rollout = greedy_rollout(agent.policy, self.reach, alone, self.max_moves)
-        draft = draft_of(rollout, 0, spent_s + time.perf_counter() - began)
+            trainer = self._trainer(agent, memory)
+            ending = trainer.run(lambda progress, tested: None, stop=memory.exhausted)
+        rollout: Rollout = greedy_rollout(agent.policy, self.reach, instance.batch(), self.max_moves)
+        seconds, steps = spent_s + time.perf_counter() - began, trainer.progress.env_steps
+        if ending is Ending.INTERRUPTED:
+            return _refusal(memory, seconds)._replace(expansions=steps)
+        draft = draft_of(rollout, 0, seconds)
         learned = f"after {trainer.progress.episodes} episodes"
         reason = f"{draft.reason} {learned}" if draft.reason else learned
-        return draft._replace(reason=reason, expansions=trainer.progress.env_steps)
+        return draft._replace(reason=reason, expansions=steps)
 
-    def _trainer(self, agent: Agent, instance: InstanceSet) -> Trainer:
-        source = FixedInstances(instance, self.seed)
+    def _trainer(self, agent: Agent, memory: InstanceMemory) -> Trainer:
         rewards = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
         return Trainer(
-            env=RearrangeEnv(self.reach, source, NUM_ENVS, self.max_moves, rewards),
+            env=RearrangeEnv(self.reach, Returning(memory, self.seed), NUM_ENVS, self.max_moves, rewards),
             agent=agent,
-            buffer=ReplayBuffer(storage=partial(LazyTensorStorage, 20_000, device=self.reach.device)),
+            buffer=memory,
             # Starts the targets from the base weights too.
-            targets=SoftUpdate(agent.loss, tau=0.05),
+            targets=SoftUpdate(agent.loss, tau=0.1),
             optimizer=torch.optim.Adam(agent.networks.parameters(), lr=self.lr),
             epsilon=self.epsilon,
-            test=PerformanceTest(instance, 1, 1, 1.0, NUM_ENVS, self.max_moves, self.seed),
+            test=PerformanceTest(memory.instance, 1, 1, 1.0, TEST_EVERY, self.max_moves, self.seed),
             budget=self.budget,
         )
+
+
+def _refusal(memory: InstanceMemory, seconds: float) -> Draft:
+    """The memory's proof that there is no plan."""
+    reason = f"all {len(memory.boards)} boards that can be reached are exhausted"
+    return Draft([], Status.UNSOLVABLE, seconds, reason=reason)

@@ -1,0 +1,103 @@
+"""What scripts/bench_planners.py measures with."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import time
+from collections.abc import Sequence
+from statistics import median
+from typing import NamedTuple
+
+import hydra
+from omegaconf import DictConfig
+from tqdm import tqdm
+
+from dore import build
+from dore.instances import InstanceSet
+from dore.intervals import percentile
+from dore.paths import conf_dir
+from dore.plan import Plan
+from dore.planners.base import Planner
+from dore.sampling import Batch, Difficulty
+
+
+class Timed(NamedTuple):
+    """A plan and the wall seconds it took."""
+
+    plan: Plan
+    seconds: float
+
+
+class Size(NamedTuple):
+    """A board, its instances, and which of them: those of the test split of a seed."""
+
+    layout: str
+    obstacles: Difficulty
+    instances: int
+    seed: int
+
+
+def world(size: Size, names: Sequence[str], model: str | None) -> tuple[list[Planner], InstanceSet]:
+    """Planners as dore-evaluate makes them, and instances of the test split.
+
+    Raises:
+        InputError: no such model, or one of another layout.
+    """
+    given = [] if model is None else [f"model={model}"]
+    cfg = composed([f"layout={size.layout}", "reach=wide_hand", f"planner=[{','.join(names)}]", *given])
+    reach = build.reach_of(cfg, "cpu")
+    instances = InstanceSet.generate(reach, size.instances, size.obstacles, "test", size.seed)
+    return build.planners_of(cfg, reach), instances
+
+
+def composed(overrides: list[str]) -> DictConfig:
+    """The config of dore-evaluate."""
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        return hydra.compose("evaluate", overrides)
+
+
+def one_at_a_time(planners: Sequence[Planner], instances: InstanceSet) -> list[list[Timed]]:
+    """For each planner its plans of all instances; the planners take turns, after one that does not count."""
+    rows: list[list[Timed]] = [[] for _ in planners]
+    for planner in planners:
+        planner.plan(instances.batch(slice(1)))
+    turns = itertools.product(range(len(instances)), zip(planners, rows, strict=True))
+    for number, (planner, made) in tqdm(turns, total=len(planners) * len(instances), unit="plan"):
+        made.append(timed(planner, instances.batch(slice(number, number + 1))))
+    return rows
+
+
+def timed(planner: Planner, alone: Batch) -> Timed:
+    """One plan."""
+    began = time.perf_counter()
+    (plan,) = planner.plan(alone)
+    return Timed(plan, time.perf_counter() - began)
+
+
+def process_seconds(*command: str) -> float:
+    """Median wall seconds of a program with one thread, run three times."""
+    taken = []
+    for _ in range(3):
+        began = time.perf_counter()
+        subprocess.run(command, check=True, capture_output=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        taken.append(time.perf_counter() - began)
+    return median(taken)
+
+
+def about(size: Size) -> str:
+    """The instances, for a heading."""
+    low, high = size.obstacles.min_obstacles, size.obstacles.max_obstacles
+    n_obstacles = str(low) if low == high else f"{low}-{high}"
+    return f"{size.layout.replace('x', ' x ')}, {n_obstacles} obstacles, {size.instances:,} test instances"
+
+
+def spread(values: Sequence[float], percents: Sequence[int]) -> list[str]:
+    """Percentiles, to read."""
+    return [f"{percentile(values, percent):.1f}" for percent in percents]
+
+
+def share(part: int, whole: int) -> str:
+    """Per cent, to read."""
+    return f"{100 * part / whole:.2f} %" if whole else "-"
