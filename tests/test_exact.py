@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import random
+import subprocess
+import sys
 from collections import Counter
 from itertools import combinations
 from pathlib import Path
@@ -181,6 +183,29 @@ def test_a_memory_cap_for_one_instance_serves_many() -> None:
     decided = [plan.status is not Status.GAVE_UP for plan in tight]
     assert sum(decided) > 90
     assert all(a.optimal_moves == b.optimal_moves for a, b, known in zip(roomy, tight, decided, strict=True) if known)
+
+
+def test_a_big_board_stays_near_its_memory_cap() -> None:
+    code = (
+        "import resource, torch\n"
+        "torch.set_num_threads(1)\n"
+        "from dore.instances import InstanceSet\n"
+        "from dore.layout import Layout\n"
+        "from dore.planners.exact import Exact\n"
+        "from dore.reach import Reach\n"
+        "from dore.sampling import Difficulty\n"
+        "reach = Reach(Layout.grid(10, 10, 0.12), 0.142, 15.0, 30)\n"
+        "batch = InstanceSet.generate(reach, 60, Difficulty(40, 40), 'test', 0).batch(slice(18, 19))\n"
+        "rss = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
+        "before = rss()\n"
+        "(plan,) = Exact(reach, 1_000_000, 60.0, 1.0).plan(batch)\n"
+        "print(f'{plan.status};{plan.reason};{rss() - before}')\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    status, reason, grown_mib = done.stdout.strip().split(";")
+    assert status == "gave_up"
+    assert reason.startswith("memory budget: ")
+    assert float(grown_mib) < 1.0 + 200.0, "the cap, and what the class says comes on top"
 
 
 @pytest.mark.parametrize("key", ["max_nodes", "max_seconds", "max_memory_mb"])

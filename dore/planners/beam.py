@@ -35,6 +35,8 @@ class Found(NamedTuple):
     """Boards whose moves were looked at."""
     boards: list[int]
     """Different boards seen."""
+    full: list[bool]
+    """The search ended because memory ran out."""
 
 
 class Beam:
@@ -63,6 +65,7 @@ class Beam:
         self.seen = SeenBoards(start.board.shape[-1], max_bytes, device)
         row = torch.arange(n, device=device)
         self.layer = self.seen.add(start.board, row, torch.full_like(row, -1), torch.zeros_like(row))
+        self.full = False
         self.narrow, self.cut = torch.zeros(2, n, dtype=torch.bool, device=device)
         self.expansions = torch.zeros(n, dtype=torch.int64, device=device)
         self.parent = torch.full((n,), -1, dtype=torch.int64, device=device)
@@ -82,6 +85,7 @@ class Beam:
             try:
                 self._expand()
             except OutOfMemory:
+                self.full = True
                 break
             if time.perf_counter() >= self.until:
                 break
@@ -96,7 +100,8 @@ class Beam:
             for before, (pick, place), one in zip(self.seen.moves_to(self.parent), last, solved, strict=True)
         ]
         boards = self.seen.row[: self.seen.size].bincount(minlength=len(solved)).tolist()
-        return Found(moves, self.narrow.tolist(), self.cut.tolist(), self.expansions.tolist(), boards)
+        full = [self.full and one is None for one in moves]
+        return Found(moves, self.narrow.tolist(), self.cut.tolist(), self.expansions.tolist(), boards, full)
 
     def _expand(self) -> None:
         """The next layer; instances that a last move solves leave the search."""

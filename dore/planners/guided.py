@@ -34,6 +34,8 @@ class _Search:
     proved: bool = False
     refusal: str = ""
     """Why there is no plan, or none was found."""
+    spent: str = ""
+    """Which budget is, if one is."""
     over: bool = False
     expansions: int = 0
     seconds: float = 0.0
@@ -69,7 +71,7 @@ class Guided:
         max_nodes: gives an instance up after so many expanded boards.
         max_seconds: gives an instance up after so many wall seconds of its own.
         max_moves: longest plan that the first two searches look for; each one after them looks twice as far.
-        max_memory_mb: what the boards seen may take at a time, MiB.
+        max_memory_mb: what the boards seen may take at a time, MiB; instances searched when it runs out are given up.
         improve_seconds: looks for a shorter plan until so many wall seconds of an instance are spent; 0 never.
 
     Raises:
@@ -135,7 +137,7 @@ class Guided:
         part = Batch(start.board[rows], start.target[rows])
         limit, until = torch.tensor(most, device=rows.device), began + max(left) * len(alive)
         found = Beam(self.reach, self.agent.move_values, part, width, limit, self.max_bytes, until).run()
-        for one, moves, narrow, cut, expansions, boards in zip(ongoing, *found, strict=True):
+        for one, moves, narrow, cut, expansions, boards, full in zip(ongoing, *found, strict=True):
             one.expansions += expansions
             if moves is not None:
                 one.moves, one.proved = moves, len(moves) == one.fewest or len(moves) == 1
@@ -143,6 +145,8 @@ class Guided:
                 one.proved = not narrow
             elif not narrow and not cut:
                 one.proved, one.refusal = True, f"all {boards} boards that can be reached are exhausted"
+            if full:
+                one.spent = "memory budget"
 
     def _refuse_locked(self, start: Batch, searches: list[_Search]) -> None:
         """End the instances that no wider beam is needed for."""
@@ -155,13 +159,12 @@ class Guided:
 
     def _judge(self, search: _Search) -> None:
         """Whether the work on an instance is over."""
-        spent = ""
         if search.expansions >= self.max_nodes:
-            spent = "node budget"
+            search.spent = "node budget"
         elif search.seconds >= self.max_seconds:
-            spent = "time budget"
+            search.spent = "time budget"
         if search.moves is not None:
-            search.over = search.proved or bool(spent) or search.seconds >= self.improve_seconds
+            search.over = search.proved or bool(search.spent) or search.seconds >= self.improve_seconds
         else:
-            search.over = search.proved or bool(spent)
-            search.refusal = search.refusal or spent
+            search.over = search.proved or bool(search.spent)
+            search.refusal = search.refusal or search.spent
