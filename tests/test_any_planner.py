@@ -149,7 +149,6 @@ def test_any_scene(name: str, model_file, monkeypatch) -> None:
     assert ended[Status.SOLVED] > EXAMPLES
 
 
-NO_MOVES = pytest.mark.xfail(strict=True, reason="straight_line takes max_moves=0")
 BUDGETS = [
     (name, key)
     for name in PLANNERS
@@ -158,14 +157,8 @@ BUDGETS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "key", "value"),
-    [
-        pytest.param(*budget, value, marks=NO_MOVES if (*budget, value) == ("straight_line", "max_moves", 0) else ())
-        for budget in BUDGETS
-        for value in (0, -1)
-    ],
-)
+@pytest.mark.parametrize("value", [0, -1])
+@pytest.mark.parametrize(("name", "key"), BUDGETS)
 def test_a_budget_of_zero_or_below(name: str, key: str, value: int) -> None:
     cfg = config_of("evaluate", f"planner={name}").copy()
     cfg.planners[name][key] = value

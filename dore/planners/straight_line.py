@@ -77,7 +77,7 @@ class StraightLine:
             raise InputError(f"start_x_m: got {start_x_m:g}, want less than the front edge {reach.layout.front_m:g}")
         self.corridor_m = reach.clearance_m if corridor_m is None else number("corridor_m", corridor_m, above=0.0)
         self.avoid_corridors = flag("avoid_corridors", avoid_corridors)
-        self.max_moves = whole("max_moves", max_moves, 0)
+        self.max_moves = whole("max_moves", max_moves, 1)
         self.corridors = _corridors(reach.layout, self.start_m, self.corridor_m)
         self.lanes = _lanes(reach, self.start_m)
         self.farthest = _farthest(reach.layout)
