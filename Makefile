@@ -11,8 +11,9 @@ DEMO_LIMIT ?= 1000
 demo: venv
 	BIN=$(BIN) LIMIT=$(DEMO_LIMIT) scripts/demo.sh $(DEMO_TRAIN)
 
+# One thread: on busy cores threads wait for each other.
 test: lint
-	$(BIN)/python -m pytest -m "not slow and not gpu"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not gpu"
 
 test-slow: venv
 	$(BIN)/python -m pytest -m "slow"
