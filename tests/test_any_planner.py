@@ -133,8 +133,6 @@ def test_any_scene(name: str, model_file, monkeypatch) -> None:
     @given(worlds(), st.sampled_from(MODELS))
     def throw(world: tuple[Reach, Batch], kind: str | None) -> None:
         reach, batch = world
-        # The package's model learned from mirror images, and so far refuses a layout without one.
-        kind = "sequential" if kind is None and reach.mirror is None else kind
         planner = planner_of(name, reach, kind and model_file(reach, kind))
         plans = planner.plan(batch)
         check(planner, reach, batch, plans)

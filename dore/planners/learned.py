@@ -41,7 +41,10 @@ class Learned:
 
     def copy_of_agent(self) -> Agent:
         """The model's agent anew, with weights of its own."""
-        agent = agent_of(self._config, self.reach)
+        # Mirror images only help to learn; a layout without one can be planned on all the same.
+        symmetry = self._config["agent"].get("symmetry", False) and self.reach.mirror is not None
+        config = {**self._config, "agent": {**self._config["agent"], "symmetry": symmetry}}
+        agent = agent_of(config, self.reach)
         if not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
             trained_on: Layout = make(self._config.get("layout"), f"{self._file}: layout")
             wanted, given = trained_on.to_dict(), self.reach.layout.to_dict()
