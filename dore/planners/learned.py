@@ -42,8 +42,9 @@ class Learned:
     def copy_of_agent(self) -> Agent:
         """The model's agent anew, with weights of its own."""
         # Mirror images only help to learn; a layout without one can be planned on all the same.
-        symmetry = self._config["agent"].get("symmetry", False) and self.reach.mirror is not None
-        config = {**self._config, "agent": {**self._config["agent"], "symmetry": symmetry}}
+        config = dict(self._config)
+        if self.reach.mirror is None and isinstance(config.get("agent"), dict):
+            config["agent"] = {**config["agent"], "symmetry": False}
         agent = agent_of(config, self.reach)
         if not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
             trained_on: Layout = make(self._config.get("layout"), f"{self._file}: layout")
