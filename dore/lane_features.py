@@ -1,8 +1,7 @@
 """What the lanes say of each cell: how far the target is from free, and what a cell's change would do to that.
 
 Built from the accessibility table alone, so the same numbers mean the same on every layout and reach.
-B denotes the batch, D the different lanes of a cell, G the cells, W the words of a board, M pairs of a lane of the
-target and an obstacle on it.
+B denotes the batch, L the lanes of all targets that are looked at closer, G the cells, W the words of a board.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ class Costs(NamedTuple):
     """Moves that the target is away, as far as two levels of lanes tell: what blocks a lane of the target, and what
     blocks the hand from that.
 
-    now: Int64[B]. changed: Int64[B, G], where the cell were changed, its obstacle gone or a new one there.
-    blocking: Int64[B, G], obstacles on the target's best lane, where the cell were changed.
+    now: Int64[B]. changed: Int8[B, G], where the cell were changed, its obstacle gone or a new one there.
+    blocking: Int8[B, G], obstacles on the target's best lane, where the cell were changed.
     depth: Int64[B, G], obstacles on a cell's own best lane.
     """
 
@@ -81,7 +80,7 @@ def _reaching(
     reach: Reach, board: Tensor, target_bit: Tensor, lanes: Tensor, wanted: Tensor, change: Tensor
 ) -> tuple[Tensor, Tensor]:
     """What blocks the hand from the obstacles on lanes of the target: Int64[L], and Int8[L, G] where a cell were
-    changed. Obstacles of the lane itself do not count, they go anyway. L lanes, each argument one entry a lane."""
+    changed. Obstacles of the lane itself do not count, they go anyway. Each argument has one entry a lane."""
     lane, cell = boards.unpack(wanted, reach.n_cells).nonzero(as_tuple=True)
     ways = reach.blocking_sets[:, cell].transpose(0, 1) & ~lanes[lane][:, None]
     closed = (ways & target_bit[lane, None]).ne(0).any(-1)

@@ -148,7 +148,7 @@ class Search:
         near = is_open & (step.blocking < budget)
         useful = _union(torch.where(near[..., None], -1, torch.where(is_open[..., None], step.lanes, 0)))
         pick = pickable(self.reach, step.board, step.target)
-        pick &= unpack(useful & ~self._just_placed(step.place), self.reach.n_cells)
+        pick &= unpack(useful & ~self.seen.just_placed(step.place), self.reach.n_cells)
         source, cell = pick.nonzero(as_tuple=True)
         for some, picked in zip(source.split(PAIRS), cell.split(PAIRS), strict=True):
             lifted = lift(step.board[some], picked)
@@ -165,12 +165,6 @@ class Search:
         target = self.start.target[row]
         lanes = self.relaxation.lanes_of(target)
         return _Step(place, board, row, target, lanes, count(board[:, None] & lanes))
-
-    def _just_placed(self, place: Tensor) -> Tensor:
-        """Int64[N, W]: the obstacle that the move to each board put down; none on a start board."""
-        parent = self.seen.parent[place]
-        before = self.seen.board[parent.clamp_min(0)]
-        return torch.where((parent >= 0)[:, None], self.seen.board[place] & ~before, 0)
 
     def _queue(self, excess: int, budget: int, place: Tensor) -> None:
         """Put boards in line."""

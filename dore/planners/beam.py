@@ -107,7 +107,9 @@ class Beam:
         """The next layer; instances that a last move solves leave the search."""
         board, row = self.seen.board[self.layer], self.seen.row[self.layer]
         self.expansions.index_add_(0, row, torch.ones_like(row))
-        pick = pickable(self.reach, board, self.target[row]) & ~unpack(self._just_placed(), self.reach.n_cells)
+        pick = pickable(self.reach, board, self.target[row]) & ~unpack(
+            self.seen.just_placed(self.layer), self.reach.n_cells
+        )
         source, cell = pick.nonzero(as_tuple=True)
         row, target = row[source], self.target[row[source]]
         lifted = lift(board[source], cell)
@@ -122,12 +124,6 @@ class Beam:
         after = lifted[pair] | bit(to, lifted.shape[-1])
         parent = self.layer[source[pair]]
         self.layer = self.seen.add(after, row[pair], parent, self.seen.moves[parent] + 1)
-
-    def _just_placed(self) -> Tensor:
-        """Int64[N, W]: the obstacle that the move to each board of the layer put down; none on a start board."""
-        parent = self.seen.parent[self.layer]
-        before = self.seen.board[parent.clamp_min(0)]
-        return torch.where((parent >= 0)[:, None], self.seen.board[self.layer] & ~before, 0)
 
     def _opens(self, lifted: Tensor, target: Tensor) -> Tensor:
         """Bool[P, G]: cells on which a lifted obstacle leaves the target accessible."""

@@ -79,6 +79,12 @@ class SeenBoards:
         here = slice(self.size)
         return len(self.board[here][self.row[here] == row].unique(dim=0))
 
+    def just_placed(self, place: Tensor) -> Tensor:
+        """Int64[N, W]: the obstacle that the move to each board put down; none on a start board."""
+        parent = self.parent[place]
+        before = self.board[parent.clamp_min(0)]
+        return torch.where((parent >= 0)[:, None], self.board[place] & ~before, 0)
+
     def moves_to(self, place: Tensor) -> list[list[tuple[int, int]]]:
         """The (pick, place) cells of the moves from the start to Int64[N] places; none to place -1."""
         chain = []
