@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from tensordict.nn import TensorDictModuleBase
 
 from dore.errors import InputError, number, seed_of, whole
 from dore.instances import InstanceSet
-from dore.rollout import greedy_rollout
+from dore.rollout import Choose, greedy_rollout
 
 
 @dataclass(frozen=True)
@@ -64,14 +63,14 @@ class PerformanceTest:
             raise InputError(f"ipt.batch_size: {batch_size} instances from a validation split of {len(instances)}")
         self.generator = torch.Generator().manual_seed(seed_of("ipt.seed", seed))
 
-    def run(self, policy: TensorDictModuleBase) -> TestResult:
+    def run(self, choose: Choose) -> TestResult:
         """Test the greedy policy."""
         solved = moves = 0
         passed = True
         for _ in range(self.n_batches):
             rows = torch.randperm(len(self.instances), generator=self.generator)[: self.batch_size]
             batch = self.instances.batch(rows.to(self.instances.board.device))
-            rollout = greedy_rollout(policy, self.instances.reach, batch, self.max_moves)
+            rollout = greedy_rollout(choose, self.instances.reach, batch, self.max_moves)
             n_solved = int(rollout.solved.sum())
             solved += n_solved
             moves += int(rollout.n_moves[rollout.solved].sum())

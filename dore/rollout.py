@@ -5,18 +5,19 @@ B denotes the batch, T the step limit.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-from tensordict import TensorDict
-from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from dore import keys
 from dore.reach import Reach
 from dore.rules import Failure, legal_moves, transition
 from dore.sampling import Batch
+
+Choose = Callable[[Tensor, Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
+"""Boards Int64[B, W], targets Int64[B], the episodes' boards Int64[B, T, W] and legal picks Bool[B, G] -> the cells
+Int64[B] to pick from and to place on."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Rollout:
 
 
 @torch.no_grad()
-def greedy_rollout(policy: TensorDictModuleBase, reach: Reach, batch: Batch, max_moves: int) -> Rollout:
+def greedy_rollout(choose: Choose, reach: Reach, batch: Batch, max_moves: int) -> Rollout:
     """Play every instance greedily until it is solved, fails, or has made `max_moves` moves."""
     n, device = len(batch.target), batch.target.device
     pick = torch.zeros(n, max_moves, dtype=torch.int64, device=device)
@@ -60,7 +61,7 @@ def greedy_rollout(policy: TensorDictModuleBase, reach: Reach, batch: Batch, max
         if not len(going):
             break
         rows, board, target, visited = rows[going], board[going], target[going], visited[going]
-        chosen = _choose(policy, board, target, visited, legal.pick[going])
+        chosen = choose(board, target, visited, legal.pick[going])
         outcome = transition(reach, board, target, visited, *chosen)
         pick[rows, step], place[rows, step] = chosen
         accepted = outcome.failure == Failure.NONE
@@ -72,15 +73,3 @@ def greedy_rollout(policy: TensorDictModuleBase, reach: Reach, batch: Batch, max
         legal = legal_moves(reach, board, target, visited)
         solved[rows] = legal.solved
     return Rollout(pick, place, n_moves, solved, failure)
-
-
-def _choose(
-    policy: TensorDictModuleBase, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor
-) -> tuple[Tensor, Tensor]:
-    shown = TensorDict(
-        {keys.BOARD: board, keys.TARGET: target, keys.VISITED: visited, keys.PICK_MASK: pick_mask},
-        batch_size=target.shape,
-    )
-    with set_exploration_type(ExplorationType.DETERMINISTIC):
-        acted = policy(shown)
-    return acted[keys.PICK], acted[keys.PLACE]

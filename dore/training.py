@@ -163,7 +163,7 @@ class Trainer:
 
     def run_test(self) -> TestResult:
         """An IPT of the greedy policy as it is now."""
-        tested = self.test.run(self.agent.policy)
+        tested = self.test.run(self.agent.greedy)
         self.progress.success, self.progress.rearrangements = tested.success, tested.rearrangements
         return tested
 

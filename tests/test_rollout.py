@@ -18,7 +18,7 @@ from tests.worlds import make_agent, make_env
 def test_recorded_moves_replay_and_solved_is_true(kind):
     reach = wide_hand(3, 6)
     batch = make_env(reach, 1, 9).source.draw(300)
-    rollout = greedy_rollout(make_agent(kind, False, reach, slots=9).policy, reach, batch, max_moves=6)
+    rollout = greedy_rollout(make_agent(kind, False, reach, slots=9).greedy, reach, batch, max_moves=6)
     drafts = [
         Draft(rollout.moves(row), Status.SOLVED if solved else Status.GAVE_UP, 0.0)
         for row, solved in enumerate(rollout.solved.tolist())
@@ -32,11 +32,11 @@ def test_recorded_moves_replay_and_solved_is_true(kind):
 
 def test_rows_one_by_one_play_as_the_batch():
     reach = wide_hand(4, 4)
-    policy = make_agent("sequential", False, reach).policy
+    choose = make_agent("sequential", False, reach).greedy
     batch = make_env(reach, 1, 6).source.draw(40)
-    together = greedy_rollout(policy, reach, batch, max_moves=5)
+    together = greedy_rollout(choose, reach, batch, max_moves=5)
     for row in range(40):
-        alone = greedy_rollout(policy, reach, Batch(batch.board[row, None], batch.target[row, None]), max_moves=5)
+        alone = greedy_rollout(choose, reach, Batch(batch.board[row, None], batch.target[row, None]), max_moves=5)
         assert alone.moves(0) == together.moves(row)
         assert bool(alone.solved[0]) == bool(together.solved[row])
 
@@ -44,7 +44,7 @@ def test_rows_one_by_one_play_as_the_batch():
 def test_an_accessible_target_takes_no_move():
     reach = wide_hand(3, 6)
     rollout = greedy_rollout(
-        make_agent("sequential", False, reach).policy,
+        make_agent("sequential", False, reach).greedy,
         reach,
         Batch(torch.zeros(1, 1, dtype=torch.int64), torch.tensor([4])),
         max_moves=5,

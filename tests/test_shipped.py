@@ -40,7 +40,7 @@ def test_an_agent_on_another_layout_is_the_one_made_for_it():
     reach = wide_hand(4, 6)
     moved, made = cells_agent(3, 5).on(reach), cells_agent(4, 6)
     batch = FreshInstances(reach, Difficulty(3, 9), "train", 0).draw(50)
-    first, second = (greedy_rollout(agent.policy, reach, batch, 8) for agent in (moved, made))
+    first, second = (greedy_rollout(agent.greedy, reach, batch, 8) for agent in (moved, made))
     assert torch.equal(first.pick, second.pick)
     assert torch.equal(first.place, second.place)
     assert moved.loss.state_dict().keys() == made.loss.state_dict().keys()
@@ -60,7 +60,7 @@ def test_the_greedy_place_is_the_most_valued_one(kind):
     reach = wide_hand(4, 5)
     agent = make_agent(kind, False, reach, slots=8)
     batch = FreshInstances(reach, Difficulty(3, 8), "train", 0).draw(40)
-    played = greedy_rollout(agent.policy, reach, batch, 1)
+    played = greedy_rollout(agent.greedy, reach, batch, 1)
     moved = played.n_moves == 1
     board, target, pick = batch.board[moved], batch.target[moved], played.pick[moved, 0]
     values = agent.move_values(board, target, pick)

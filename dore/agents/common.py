@@ -37,6 +37,11 @@ class Agent(Protocol):
     def set_epsilon(self, epsilon: float) -> None:
         """How often a head acts at random."""
 
+    def greedy(self, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor) -> tuple[Tensor, Tensor]:
+        """The (pick, place) cells that the policy chooses where it does not explore; see `dore.rollout.Choose`.
+
+        Without a TensorDict in between, which is most of what a choice for one board takes."""
+
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
 

@@ -12,7 +12,7 @@ from torch import Tensor
 from dore import keys
 from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty, one_of
 from dore.features import Encoding, encode, n_planes
-from dore.losses import Chain, MaskMode, SequentialLoss
+from dore.losses import Chain, MaskMode, SequentialLoss, masked
 from dore.networks import NetworkFactory
 from dore.reach import Reach
 from dore.rules import going_back, lift, pickable, placeable, retrievable
@@ -111,6 +111,13 @@ class Sequential:
         other.reach = reach
         other._make_policy()
         return other
+
+    def greedy(self, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor) -> tuple[Tensor, Tensor]:
+        """The (pick, place) cells that the policy chooses where it does not explore; see `dore.rollout.Choose`."""
+        seen, mask = self._see_pick(board, target, pick_mask)
+        pick = masked(self.networks["pick"](seen)[0], mask, self.mask_mode).argmax(-1)
+        seen, mask = self._see_place(board, target, visited, pick)
+        return pick, masked(self.networks["place"](seen)[0], mask, self.mask_mode).argmax(-1)
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: Q_l of each cell for the obstacle on Int64[N] cells of Int64[N, W] boards, once it is lifted."""

@@ -11,7 +11,7 @@ from dore import keys
 from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty, one_of
 from dore.errors import whole
 from dore.features import Encoding, encode, n_planes, slot_of, slots
-from dore.losses import Heads, MaskMode, SingleLoss
+from dore.losses import Heads, MaskMode, SingleLoss, masked
 from dore.networks import NetworkFactory
 from dore.reach import Reach
 from dore.rules import legal_moves, legal_places, pickable
@@ -100,6 +100,14 @@ class Single:
         """How often a head acts at random."""
         for greedy in self._greedy:
             greedy.set_epsilon(epsilon)
+
+    def greedy(self, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor) -> tuple[Tensor, Tensor]:
+        """The (pick, place) cells that the policy chooses where it does not explore; see `dore.rollout.Choose`."""
+        seen, cells, slot_mask = self._see_slots(board, target, pick_mask)
+        of_slot, of_place = self.networks["pick_place"](seen)
+        slot = masked(of_slot, slot_mask, self.mask_mode).argmax(-1)
+        pick, place_mask = self._take_slot(board, target, visited, cells, slot)
+        return pick, masked(of_place, place_mask, self.mask_mode).argmax(-1)
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the mean of Q1 of an obstacle and Q2 of each cell, for Int64[N] picks on Int64[N, W] boards.

@@ -61,7 +61,7 @@ class Learned:
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances at once; see `Planner`."""
         began = time.perf_counter()
-        rollout = greedy_rollout(self.agent.policy, self.reach, batch, self.max_moves)
+        rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         drafts = [draft_of(rollout, row, share) for row in range(len(batch.target))]
         return checked_plans(self.reach, batch, drafts, self.name)

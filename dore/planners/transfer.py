@@ -89,7 +89,7 @@ class Transfer:
     def plan(self, batch: Batch) -> list[Plan]:
         """The base model on all instances at once, then one learning after the other; see `Planner`."""
         began = time.perf_counter()
-        rollout = greedy_rollout(self.base.agent.policy, self.reach, batch, self.max_moves)
+        rollout = greedy_rollout(self.base.agent.greedy, self.reach, batch, self.max_moves)
         locked = self.relaxation.locked(*batch).tolist()
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         drafts = [draft_of(rollout, row, share) for row in range(len(batch.target))]
@@ -112,7 +112,7 @@ class Transfer:
             agent = self.base.copy_of_agent()
             trainer = self._trainer(agent, memory)
             ending = trainer.run(lambda progress, tested: None, stop=memory.exhausted)
-        rollout: Rollout = greedy_rollout(agent.policy, self.reach, instance.batch(), self.max_moves)
+        rollout: Rollout = greedy_rollout(agent.greedy, self.reach, instance.batch(), self.max_moves)
         seconds, steps = spent_s + time.perf_counter() - began, trainer.progress.env_steps
         if ending is Ending.INTERRUPTED:
             return _refusal(memory, seconds)._replace(expansions=steps)
