@@ -114,11 +114,15 @@ class Beam:
         row, target = row[source], self.target[row[source]]
         lifted = lift(board[source], cell)
         place = placeable(self.reach, lifted, target) & ~unpack(board[source], self.reach.n_cells)
-        values = self.values(board[source], target, cell)
-        opens = place & self._opens(lifted, target)
-        self._finish(opens, values, self.layer[source], cell, row)
-        going = self.parent[row] < 0
-        pair, to = (place & going[:, None]).nonzero(as_tuple=True)
+        self._finish(place & self._opens(lifted, target), self.layer[source], cell, row)
+        # Only the order of what goes on is asked of the network, which is most of the work.
+        going = (self.parent[row] < 0).nonzero().squeeze(-1)
+        if not len(going):
+            self.layer = self.layer[:0]
+            return
+        source, cell, row, lifted, place = (of_pair[going] for of_pair in (source, cell, row, lifted, place))
+        values = self.values(board[source], self.target[row], cell)
+        pair, to = place.nonzero(as_tuple=True)
         best = self._best(values[pair, to], row[pair])
         pair, to = pair[best], to[best]
         after = lifted[pair] | bit(to, lifted.shape[-1])
@@ -134,15 +138,15 @@ class Beam:
             opens |= is_free[:, None] & ~unpack(lane, self.reach.n_cells)
         return opens
 
-    def _finish(self, opens: Tensor, values: Tensor, parent: Tensor, pick: Tensor, row: Tensor) -> None:
-        """End the instances that a Bool[P, G] move solves, by the most valued of these."""
-        some = opens.any(-1)
-        best, to = values[some].masked_fill(~opens[some], -torch.inf).max(-1)
-        # The last write of a row is its best.
-        order = best.argsort(stable=True)
-        at = row[some][order]
-        self.parent[at] = parent[some][order]
-        self.last[at] = torch.stack([pick[some], to], -1)[order]
+    def _finish(self, opens: Tensor, parent: Tensor, pick: Tensor, row: Tensor) -> None:
+        """End the instances that a Bool[P, G] move solves, by the first of these."""
+        some = opens.any(-1).nonzero().squeeze(-1)
+        some = some[row[some].argsort(stable=True)]
+        first = torch.ones_like(some, dtype=torch.bool)
+        first[1:] = row[some[1:]] != row[some[:-1]]
+        some = some[first]
+        self.parent[row[some]] = parent[some]
+        self.last[row[some]] = torch.stack([pick[some], opens[some].long().argmax(-1)], -1)
 
     def _best(self, values: Tensor, row: Tensor) -> Tensor:
         """Which moves go on: of each row the `width` most valued."""
