@@ -51,7 +51,7 @@ def _go_on(folder: Path) -> int:
     except (RuntimeError, KeyError, ValueError, TypeError) as error:
         why = str(error).splitlines()[0]
         raise InputError(f"{checkpoint}: of another layout, network or version ({why})") from None
-    if trainer.spent():
+    if trainer.spent() and (folder / run_folder.DONE).exists():
         done = trainer.progress
         print(f"{folder}: {done.episodes} episodes and {done.seconds:.0f} s are spent; training.max_episodes=... adds")
         return OK

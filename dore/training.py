@@ -139,7 +139,7 @@ class Trainer:
         """
         progress, before = self.progress, time.perf_counter() - self.progress.seconds
         shown = self.env.observation() if progress.iteration else self.env.reset()
-        while True:
+        while not self.spent():
             tests_before = progress.episodes // self.test.every_episodes
             shown = self.iterate(shown)
             progress.seconds = time.perf_counter() - before
@@ -148,10 +148,9 @@ class Trainer:
             report(progress, tested)
             if tested is not None and tested.passed and progress.episodes >= self.budget.min_episodes:
                 return Ending.PASSED
-            if self.spent():
-                return Ending.BUDGET
-            if stop():
+            if stop() and not self.spent():
                 return Ending.INTERRUPTED
+        return Ending.BUDGET
 
     def iterate(self, shown: TensorDictBase) -> TensorDictBase:
         """One step of every environment from what it shows, and the updates after it; what they show next."""

@@ -7,7 +7,7 @@ import torch
 from dore.board import bit, pack, unpack
 from dore.features import encode, n_planes
 from dore.lane_features import LEVELS, N_PLANES, NEVER, SPARE, lane_costs, lane_planes
-from dore.planners.beam import fewest_blocking
+from dore.planners.bounds import fewest_blocking
 from dore.reach import Reach
 from dore.rules import placeable
 from dore.sampling import Batch, Difficulty, FreshInstances

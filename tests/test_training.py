@@ -93,6 +93,10 @@ def test_resume_keeps_what_it_is_told_and_spends_no_more(tmp_path, capsys):
     assert run("train", [f"resume={folder}"]) == 0
     assert "are spent" in capsys.readouterr().out
     assert (folder / "metrics.csv").read_bytes() == before
+    done = json.loads((folder / "done.json").read_text())
+    (folder / "done.json").unlink()  # as if killed after the last checkpoint
+    assert run("train", [f"resume={folder}"]) == 0
+    assert json.loads((folder / "done.json").read_text()) == done
 
 
 def test_a_moved_run_logs_where_it_is(tmp_path, monkeypatch):

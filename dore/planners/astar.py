@@ -15,7 +15,7 @@ from torch import Tensor
 from dore.board import bit, count, unpack
 from dore.plan import Status
 from dore.planners.base import Draft
-from dore.planners.bounds import LOCKED, DeleteRelaxation
+from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.seen import SeenBoards
 from dore.reach import Reach
 from dore.rules import lift, pickable, placeable, retrievable
@@ -69,7 +69,7 @@ class Search:
         self.goal = torch.full((n,), -1, dtype=torch.int64, device=device)
         """Of solved instances, where `seen` keeps the board that opens the target."""
         self.ended: list[tuple[Status, str]] = [(Status.GAVE_UP, "")] * n
-        self.first_bound = count(start.board[:, None] & relaxation.lanes_of(start.target)).amin(-1)
+        self.first_bound = fewest_blocking(reach, start)
         self.lock_tested = False
         self.clock = time.perf_counter()
 

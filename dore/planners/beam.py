@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.board import bit, count, unpack
+from dore.board import bit, unpack
 from dore.planners.seen import OutOfMemory, SeenBoards
 from dore.reach import Reach
 from dore.rules import lift, pickable, placeable
@@ -156,8 +156,3 @@ class Beam:
         rank = torch.arange(len(row), device=row.device) - (per_row.cumsum(0) - per_row)[row[order]]
         self.narrow |= per_row > self.width
         return order[rank < self.width]
-
-
-def fewest_blocking(reach: Reach, start: Batch) -> Tensor:
-    """Int64[n]: obstacles on the target's best lane, each of which has to go: no plan is shorter."""
-    return count(start.board & reach.blocking_sets[:, start.target]).amin(0)

@@ -14,6 +14,7 @@ from dore import board as boards
 from dore.planners.seen import distinct
 from dore.reach import Reach
 from dore.rules import retrievable
+from dore.sampling import Batch
 
 MAX_SPARE = 4
 """Lanes with more moves to spare are taken for open, untested: they nearly always are."""
@@ -124,3 +125,8 @@ class DeleteRelaxation:
     def _packed(self, cells: Tensor) -> Tensor:
         """`board.pack`, without making the bits anew each time."""
         return torch.stack([(cells * bits).sum(-1) for bits in self.bits], -1)
+
+
+def fewest_blocking(reach: Reach, start: Batch) -> Tensor:
+    """Int64[N]: obstacles on the target's best lane, each of which has to go: no plan is shorter."""
+    return boards.count(start.board & reach.blocking_sets[:, start.target]).amin(0)

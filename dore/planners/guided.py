@@ -11,8 +11,8 @@ import torch
 from dore.errors import number, whole
 from dore.plan import Plan, Status
 from dore.planners.base import Draft, checked_plans, parts_of
-from dore.planners.beam import Beam, fewest_blocking
-from dore.planners.bounds import LOCKED, DeleteRelaxation
+from dore.planners.beam import Beam
+from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
 from dore.reach import Reach
 from dore.rules import retrievable
