@@ -60,11 +60,14 @@ class Learned:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances at once; see `Planner`."""
+        return checked_plans(self.reach, batch, self.drafts(batch), self.name)
+
+    def drafts(self, batch: Batch) -> list[Draft]:
+        """What the greedy episodes come to, before their replay."""
         began = time.perf_counter()
         rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
-        drafts = [draft_of(rollout, row, share) for row in range(len(batch.target))]
-        return checked_plans(self.reach, batch, drafts, self.name)
+        return [draft_of(rollout, row, share) for row in range(len(batch.target))]
 
 
 def draft_of(rollout: Rollout, row: int, planning_s: float) -> Draft:

@@ -89,14 +89,15 @@ class Transfer:
     def plan(self, batch: Batch) -> list[Plan]:
         """The base model on all instances at once, then one learning after the other; see `Planner`."""
         began = time.perf_counter()
-        rollout = greedy_rollout(self.base.agent.greedy, self.reach, batch, self.max_moves)
+        drafts = self.base.drafts(batch)
         locked = self.relaxation.locked(*batch).tolist()
         share = (time.perf_counter() - began) / max(1, len(batch.target))
-        drafts = [draft_of(rollout, row, share) for row in range(len(batch.target))]
         for row, draft in enumerate(drafts):
             if locked[row]:
                 drafts[row] = Draft([], Status.UNSOLVABLE, share, draft.expansions, reason=LOCKED)
-            elif draft.status is not Status.SOLVED:
+            elif draft.status is Status.SOLVED:
+                drafts[row] = draft._replace(planning_s=share)
+            else:
                 alone = InstanceSet(self.reach, batch.board[row, None], batch.target[row, None])
                 drafts[row] = self._learn(alone, share)
         return checked_plans(self.reach, batch, drafts, self.name)
