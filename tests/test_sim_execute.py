@@ -22,6 +22,7 @@ from dore.sim.execute import REPORT_NAME, VIDEO_NAME, execute, rehearse
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
 from dore.sim.rehearsal import Refused, tasks_of
+from dore.sim.senses import Truth
 
 pytestmark = pytest.mark.sim
 
@@ -152,7 +153,8 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
         disturb()
     rehearsal = rehearse(plan, ARM, bodies)
     rehearsal.begin(scene)
-    assert Operator(env, rehearsal, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
+    senses = Truth(env.unwrapped, rehearsal)
+    assert Operator(env, rehearsal, senses, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
     env.close()
 
 

@@ -18,10 +18,13 @@ from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker
 from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig, preset
 from dore.sim.description import arm_files
 from dore.sim.kinematics import ArmKinematics
+from dore.sim.measure import MoveMeter
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
 from dore.sim.rehearsal import MoveTask, Refused, Rehearsal, tasks_of
-from dore.sim.report import ExecutionReport, MoveReport
+from dore.sim.report import ExecutionReport
+from dore.sim.senses import Truth
+from dore.sim.task import DoreTabletopEnv
 from dore.sim.video import Video
 
 REPORT_NAME, VIDEO_NAME = "execution.json", "execution.mp4"
@@ -136,10 +139,11 @@ def _perform(
     report.write(out_dir / REPORT_NAME)  # an interrupted execution leaves a report that says so
     env.reset(seed=report.seed, options={"cells": [plan_file.scene.target, *plan_file.scene.obstacles]})
     with Video(env, out_dir / VIDEO_NAME, _CONTROL_S, report.pictures == VIDEO_NAME) as film:
-        operator = Operator(env, rehearsal, film.after_step)
+        world: DoreTabletopEnv = env.unwrapped
+        operator = Operator(env, rehearsal, Truth(world, rehearsal), film.after_step)
         report.outcome = Outcome.DONE
         for task in tasks:
-            _run_move(operator, plan_file, task, report)
+            _run_move(operator, task, MoveMeter(world, operator.simulated_s), report)
             report.write(out_dir / REPORT_NAME)
             if report.outcome is not Outcome.DONE:
                 break
@@ -148,30 +152,13 @@ def _perform(
     report.video = VIDEO_NAME if film.written else None
 
 
-def _run_move(operator: Operator, plan_file: PlanFile, task: MoveTask, report: ExecutionReport) -> None:
-    wall, simulated, before = time.perf_counter(), operator.simulated_s, operator.positions()
+def _run_move(operator: Operator, task: MoveTask, meter: MoveMeter, report: ExecutionReport) -> None:
     try:
         report.outcome = operator.run(task)
         report.message = f"{task.name}: {report.outcome}"
     except Refused as refusal:
         report.outcome, report.message = refusal.outcome, f"stopped: {refusal}"
-    after, error = operator.positions(), None
-    if task.place_cell is not None:
-        goal = plan_file.scene.layout.cells[task.place_cell]
-        error = round(1e3 * float(np.linalg.norm(after[task.body, :2] - goal)), 2)
-    others = np.delete(np.linalg.norm(after - before, axis=1), task.body)
-    done = MoveReport(
-        name=task.name,
-        pick=cell_id(task.pick_cell),
-        place=None if task.place_cell is None else cell_id(task.place_cell),
-        outcome=report.outcome,
-        placement_error_mm=error,
-        others_moved_mm=round(1e3 * float(others.max(initial=0.0)), 2),
-        tilt_deg=round(float(operator.leaning_deg()[task.body]), 2),
-        simulated_s=round(operator.simulated_s - simulated, 3),
-        wall_s=round(time.perf_counter() - wall, 3),
-    )
-    report.moves.append(done)
+    report.moves.append(meter.read(task, task.body, report.outcome, operator.simulated_s))
     report.simulated_s = round(operator.simulated_s, 3)
 
 

@@ -1,26 +1,23 @@
-"""Drives the arm through rehearsed motions, and tells by the simulator's state how each of them ended."""
+"""Drives the arm through rehearsed motions, and tells how each of them ended."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import torch
 
-from dore.sim.collision import Standing
-from dore.sim.frames import Array, inside
+from dore.sim.frames import Array
 from dore.sim.outcome import Outcome
-from dore.sim.rehearsal import Motions, MoveTask, Rehearsal
-from dore.sim.task import UPRIGHT_DEG, DoreTabletopEnv
+from dore.sim.rehearsal import MoveTask, Rehearsal
+from dore.sim.senses import Senses
+from dore.sim.task import DoreTabletopEnv
 
 _OPEN, _CLOSED = 1.0, -1.0
 _SETTLE_STEPS = 4
 _GRIP_STEPS = 10
 _RELEASE_STEPS = 8
-_HELD_WITHIN_M = 0.03
-"""A held object's axis stays this near the tool point, seen from above."""
 
 
 class Operator:
@@ -28,29 +25,25 @@ class Operator:
 
     Args:
         env: a `DoreTabletop-v1` made with `control_mode="pd_joint_pos"`, as gymnasium returns it, after a reset.
-        rehearsal: begun; it works out each motion from what is seen before it.
+        rehearsal: begun; it works out each motion from what is known before it.
+        senses: what the operator goes by.
         after_step: called after every control step (the video's camera).
     """
 
-    def __init__(self, env: Any, rehearsal: Rehearsal, after_step: Callable[[], None]) -> None:
-        self._env, self._rehearsal, self._after_step = env, rehearsal, after_step
+    def __init__(self, env: Any, rehearsal: Rehearsal, senses: Senses, after_step: Callable[[], None]) -> None:
+        self._env, self.rehearsal, self.senses, self._after_step = env, rehearsal, senses, after_step
         self._task: DoreTabletopEnv = env.unwrapped
         self._gripper = _OPEN
-        self._joints: Array = self._task.agent.robot.get_qpos()[0, :7].double().cpu().numpy()
+        self.joints: Array = self._task.agent.robot.get_qpos()[0, :7].double().cpu().numpy()
+        self._way_out: list[Array] = []
+        """Commands that take the hand out of the grid, when it is in it and holds nothing that it should."""
+        self.holding = False
         self.steps = 0
 
     @property
     def simulated_s(self) -> float:
         """Simulated seconds since the start."""
         return self.steps / self._task.control_freq
-
-    def positions(self) -> Array:
-        """Float64[N, 3]: centre of each object, metres, world frame."""
-        return np.asarray(self._task.positions()[0].double().cpu().numpy())
-
-    def leaning_deg(self) -> Array:
-        """Float64[N]: how far each object leans, degrees."""
-        return np.asarray(self._task.leaning_deg()[0].double().cpu().numpy())
 
     def conditions(self) -> dict[str, bool]:
         """The task's named conditions and `success`."""
@@ -59,96 +52,79 @@ class Operator:
     def hold(self, steps: int) -> None:
         """Stay where the arm is for some control steps."""
         for _ in range(steps):
-            self._command(self._joints)
+            self._command(self.joints)
 
     def run(self, task: MoveTask) -> Outcome:
-        """The whole move, up to the first motion that does not end well; then a look at all other objects.
+        """The whole move, up to the first motion that does not end well.
 
         Raises:
-            Refused: from what is now seen, the rest of the move cannot be carried out; the arm stays where it is.
+            Refused: from what is now known, the rest of the move cannot be carried out; the arm stays where it is.
         """
-        outcome, before = self.look(), self.positions()
+        outcome = self.senses.look()
         if outcome is Outcome.DONE:
-            outcome = self.pick(task, self._rehearsal.pick_up(task))
+            outcome = self.pick(task)
         if outcome is Outcome.DONE and task.place_cell is not None:
-            x, y = self.positions()[task.body, :2]
-            motions = self._rehearsal.put_down(task, (float(x), float(y)))
-            for motion in (self.carry, self.place, self.retreat):
-                outcome = motion(task, motions)
-                if outcome is not Outcome.DONE:
-                    break
-        return self._others(task, before) if outcome is Outcome.DONE else outcome
+            outcome = self.put_down(task)
+        return self.senses.placed(task) if outcome is Outcome.DONE else outcome
 
-    def look(self) -> Outcome:
-        """Tell the rehearsal where each object stands. TOPPLED, WORLD_CHANGED: one does not stand where it should."""
-        at, layout = self.positions(), self._task.layout
-        if (self.leaning_deg() > UPRIGHT_DEG).any():
-            return Outcome.TOPPLED
-        for body, cell in self._rehearsal.cell_of.items():
-            if not inside(layout.centres.numpy(), layout.cell_m, at[body, :2])[cell]:
-                return Outcome.WORLD_CHANGED
-            forward = self._task.objects[body].pose.to_transformation_matrix()[0, :2, 0].tolist()
-            yaw = math.atan2(forward[1], forward[0])
-            self._rehearsal.standing[body] = Standing((float(at[body, 0]), float(at[body, 1])), yaw)
-        return Outcome.DONE
-
-    def pick(self, task: MoveTask, motions: Motions) -> Outcome:
+    def pick(self, task: MoveTask) -> Outcome:
         """Reach, grasp, lift and withdraw from the grid.
 
-        MISSED_GRASP: the object is not between the fingers. DROPPED: it was, and is no longer.
+        MISSED_GRASP: the object is not between the fingers. DROPPED, SLIPPED: it was, and no longer as it was.
         """
+        motions = self.rehearsal.pick_up(task)
         for motion in ("reach", "approach"):
             self._follow(motions[motion])
         self._gripper = _CLOSED
         self.hold(_GRIP_STEPS)
+        self._way_out = [motions["withdraw"]]
         self._follow(motions["lift"])
-        if not self._holds(task.body):
-            return Outcome.MISSED_GRASP
+        outcome = self.senses.lifted(task.body)
+        if outcome is not Outcome.DONE:
+            return outcome
         self._follow(motions["withdraw"])
-        return self._still_held(task)
+        self._way_out, self.holding = [], True
+        return self.senses.still_held(task.body)
 
-    def carry(self, task: MoveTask, motions: Motions) -> Outcome:
-        """Go before the lane of the cell where the object is to be put down. DROPPED: lost on the way."""
+    def put_down(self, task: MoveTask) -> Outcome:
+        """Carry what is held before the lane, bring it into its cell, lower it, let go and leave.
+
+        DROPPED, SLIPPED: on the way.
+        """
+        motions = self.rehearsal.put_down(task, self.senses.held_xy(task.body))
         self._follow(motions["carry"])
-        return self._still_held(task)
-
-    def place(self, task: MoveTask, motions: Motions) -> Outcome:
-        """Bring the object into its cell, lower it and let go. DROPPED: lost on the way in."""
+        outcome = self.senses.still_held(task.body)
+        if outcome is not Outcome.DONE:
+            return outcome
         self._follow(motions["insert"])
-        if not self._holds(task.body):
-            return Outcome.DROPPED
+        self._way_out = [motions["insert"][::-1]]
+        outcome = self.senses.still_held(task.body)
+        if outcome is not Outcome.DONE:
+            return outcome
         self._follow(motions["lower"])
-        self._gripper = _OPEN
-        self.hold(_RELEASE_STEPS)
+        self._let_go()
+        self._follow(motions["leave"])
+        self._way_out = []
         return Outcome.DONE
 
-    def retreat(self, task: MoveTask, motions: Motions) -> Outcome:
-        """Leave the grid. MISPLACED or TOPPLED: the object put down does not stand in its cell, or not upright."""
-        self._follow(motions["leave"])
-        if self.leaning_deg()[task.body] > UPRIGHT_DEG:
-            return Outcome.TOPPLED
-        layout = self._task.layout
-        cells = inside(layout.centres.numpy(), layout.cell_m, self.positions()[task.body, :2])
-        return Outcome.DONE if task.place_cell is not None and cells[task.place_cell] else Outcome.MISPLACED
+    def recover(self) -> None:
+        """After a fault: open the hand, and leave the grid the way it came."""
+        self._let_go()
+        for commands in self._way_out:
+            self._follow(commands)
+        self._way_out = []
 
-    def _still_held(self, task: MoveTask) -> Outcome:
-        return Outcome.DONE if self._holds(task.body) else Outcome.DROPPED
+    def park(self) -> None:
+        """Go to where the arm stood at the start, out of the camera's way.
 
-    def _others(self, task: MoveTask, before: Array) -> Outcome:
-        """TOPPLED or PUSHED where an object that was not to be moved has been."""
-        others = np.arange(len(before)) != task.body
-        if (self.leaning_deg()[others] > UPRIGHT_DEG).any():
-            return Outcome.TOPPLED
-        moved = np.linalg.norm(self.positions() - before, axis=1)[others]
-        return Outcome.PUSHED if (moved > self._task.arm.pushed_m).any() else Outcome.DONE
+        Raises:
+            Refused: something is in the way.
+        """
+        self._follow(self.rehearsal.park(self.joints))
 
-    def _holds(self, body: int) -> bool:
-        """Whether both fingers press on the object, it is off the table, and near the tool point."""
-        task = self._task
-        at, tool = self.positions()[body], task.agent.tcp_pos[0].double().cpu().numpy()
-        lifted = at[2] > task.bodies[body].height_m / 2 + task.arm.lift_m / 2
-        near = float(np.linalg.norm(at[:2] - tool[:2])) < _HELD_WITHIN_M
-        return bool(lifted and near and task.agent.is_grasping(task.objects[body])[0])
+    def _let_go(self) -> None:
+        self._gripper, self.holding = _OPEN, False
+        self.hold(_RELEASE_STEPS)
 
     def _follow(self, commands: Array) -> None:
         for joints in commands:
@@ -156,7 +132,7 @@ class Operator:
         self.hold(_SETTLE_STEPS)
 
     def _command(self, joints: Array) -> None:
-        self._joints = joints
+        self.joints = joints
         action = torch.from_numpy(np.append(joints, self._gripper)).to(torch.float32)
         self._env.step(action)
         self.steps += 1

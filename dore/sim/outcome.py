@@ -19,6 +19,8 @@ class Outcome(StrEnum):
     """The fingers closed and lifted, and the object is not between them."""
     DROPPED = "dropped"
     """The object was held and is no longer."""
+    SLIPPED = "slipped"
+    """The object is still held, but no longer where it was grasped."""
     TOPPLED = "toppled"
     """An object no longer stands upright."""
     PUSHED = "pushed"

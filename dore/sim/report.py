@@ -19,6 +19,8 @@ class MoveReport:
 
     placement_error_mm: how far the object put down stands from its cell's centre; None where none was put down.
     others_moved_mm: how far the object that moved most, of those that should not, has moved.
+    moved_mm: how far each of them has, by its place in `ExecutionReport.objects`, from 0.
+    grasp_margin_mm: room between the open fingers and the object, on the tighter side.
     tilt_deg: how far the moved object leans.
     """
 
@@ -28,6 +30,8 @@ class MoveReport:
     outcome: Outcome
     placement_error_mm: float | None
     others_moved_mm: float
+    moved_mm: dict[int, float]
+    grasp_margin_mm: float
     tilt_deg: float
     simulated_s: float
     wall_s: float

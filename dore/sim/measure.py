@@ -1,0 +1,71 @@
+"""What a move did, measured on the simulator's own state, whatever the operator itself could know."""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from dore.plan import cell_id
+from dore.sim.description import FINGER_OPEN_M
+from dore.sim.frames import Array
+from dore.sim.outcome import Outcome
+from dore.sim.rehearsal import MoveTask
+from dore.sim.report import MoveReport
+from dore.sim.senses import leaning_deg, positions
+from dore.sim.task import DoreTabletopEnv
+
+
+class MoveMeter:
+    """Started before a move, read after it.
+
+    Args:
+        task: the environment.
+        simulated_s: simulated seconds so far.
+    """
+
+    def __init__(self, task: DoreTabletopEnv, simulated_s: float) -> None:
+        self._task, self._simulated_s = task, simulated_s
+        self._wall, self._before = time.perf_counter(), positions(task)
+        self._yaw = [_yaw(actor.pose.to_transformation_matrix()[0]) for actor in task.objects]
+
+    def nearest(self, xy: tuple[float, float]) -> int:
+        """The index of the object that stood nearest to a point, metres, when the meter was started."""
+        return int(np.linalg.norm(self._before[:, :2] - xy, axis=1).argmin())
+
+    def read(self, task: MoveTask, index: int, outcome: Outcome, simulated_s: float) -> MoveReport:
+        """What became of the move of the object `index`."""
+        after, layout = positions(self._task), self._task.layout
+        moved = 1e3 * np.linalg.norm(after - self._before, axis=1)
+        others = {i: round(float(moved[i]), 2) for i in range(len(moved)) if i != index}
+        error = None
+        if task.place_cell is not None:
+            error = round(1e3 * float(np.linalg.norm(after[index, :2] - layout.cells[task.place_cell])), 2)
+        return MoveReport(
+            name=task.name,
+            pick=cell_id(task.pick_cell),
+            place=None if task.place_cell is None else cell_id(task.place_cell),
+            outcome=outcome,
+            placement_error_mm=error,
+            others_moved_mm=max(others.values(), default=0.0),
+            moved_mm=others,
+            grasp_margin_mm=round(1e3 * self._grasp_margin_m(task, index), 2),
+            tilt_deg=round(float(leaning_deg(self._task)[index]), 2),
+            simulated_s=round(simulated_s - self._simulated_s, 3),
+            wall_s=round(time.perf_counter() - self._wall, 3),
+        )
+
+    def _grasp_margin_m(self, task: MoveTask, index: int) -> float:
+        """Room between the open fingers and the object, on the tighter side."""
+        x, y = self._task.layout.cells[task.pick_cell]
+        heading = math.atan2(y, x) + math.radians(task.pick_direction_deg)
+        body, turned = self._task.bodies[index], self._yaw[index] - heading
+        half = body.half_width_m
+        if body.shape == "cuboid":
+            half *= abs(math.cos(turned)) + abs(math.sin(turned))
+        return FINGER_OPEN_M - half
+
+
+def _yaw(pose: Array) -> float:
+    return math.atan2(float(pose[1, 0]), float(pose[0, 0]))
