@@ -30,7 +30,9 @@ def wilson(successes: int, trials: int) -> Interval:
     share, z2 = successes / trials, Z95**2
     centre = (share + z2 / (2 * trials)) / (1 + z2 / trials)
     half = Z95 * math.sqrt(share * (1 - share) / trials + z2 / (4 * trials**2)) / (1 + z2 / trials)
-    return Interval(share, max(0.0, centre - half), min(1.0, centre + half))
+    # The ends are 0 and 1 there, and not what rounding makes of them.
+    low, high = 0.0 if successes == 0 else centre - half, 1.0 if successes == trials else centre + half
+    return Interval(share, low, high)
 
 
 def mean_interval(values: Sequence[float]) -> Interval:
