@@ -101,6 +101,18 @@ def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:
     return [make(node, f"planner {name}", reach=reach) for name, node in cfg.planners.items()]
 
 
+def planner_of(cfg: DictConfig, reach: Reach) -> Planner:
+    """The one planner that the config names.
+
+    Raises:
+        InputError: it names several, or none.
+    """
+    planners = planners_of(cfg, reach)
+    if len(planners) != 1:
+        raise InputError(f"planner: got {len(planners)}, want one")
+    return planners[0]
+
+
 def world_of(cfg: DictConfig, model_config: Mapping[str, Any] | None) -> DictConfig:
     """layout, reach and instances: a model's own, overridden by what the config gives."""
     world = OmegaConf.create({name: (model_config or {}).get(name) for name in WORLD})

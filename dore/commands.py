@@ -16,12 +16,11 @@ from dore import build, run_folder, tables
 from dore.checkpoint import SHIPPED, load_checkpoint, load_model
 from dore.errors import InputError, path_of, seed_of
 from dore.evaluation import ROWS, Timing, evaluate_into, read_rows
-from dore.instances import InstanceSet, scenes_of
+from dore.instances import InstanceSet, random_scene
 from dore.plan import Plan, PlanFile, Status, cell_id
 from dore.plan_files import read_scene, write_plan
 from dore.planners.base import Planner
 from dore.render import draw_plan
-from dore.sampling import FreshInstances
 from dore.session import CURVE, Session, trainer_of
 from dore.training import Diverged, Ending
 
@@ -139,15 +138,11 @@ def plan(cfg: DictConfig) -> int:
     if cfg.scene == "random":
         reach = build.reach_of(world, cfg.device)
         difficulty = build.splits_of(world, reach).difficulty
-        drawn = FreshInstances(reach, difficulty, "test", seed_of("seed", cfg.seed)).draw(1)
-        (scene,) = scenes_of(reach, drawn)
+        scene = random_scene(reach, difficulty, seed_of("seed", cfg.seed))
     else:
         scene = read_scene(path_of("scene", cfg.scene))
         reach = build.reach_of(world, cfg.device, scene.layout)
-    planners = build.planners_of(cfg, reach)
-    if len(planners) != 1:
-        raise InputError(f"planner: got {len(planners)}, want one")
-    (found,) = planners[0].plan(InstanceSet.of_scene(reach, scene))
+    (found,) = build.planner_of(cfg, reach).plan(InstanceSet.of_scene(reach, scene))
     file = PlanFile(scene, reach, found)
     write_plan(out, file)
     try:

@@ -28,6 +28,16 @@ def scenes_of(reach: Reach, batch: Batch) -> list[Scene]:
     ]
 
 
+def random_scene(reach: Reach, difficulty: Difficulty, seed: int) -> Scene:
+    """One instance of the test split.
+
+    Raises:
+        InputError: there are none.
+    """
+    (scene,) = scenes_of(reach, FreshInstances(reach, difficulty, "test", seed).draw(1))
+    return scene
+
+
 class InstanceSet:
     """A fixed, unique set of instances of one reach.
 
