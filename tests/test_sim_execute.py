@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,19 +19,26 @@ from dore.plan import Move, Plan, PlanFile, Scene, Status, replay
 from dore.reach import Reach
 from dore.sim.arm import render_backend
 from dore.sim.config import preset
-from dore.sim.execute import REPORT_NAME, VIDEO_NAME, execute, rehearse
+from dore.sim.execute import execute, rehearse
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
 from dore.sim.rehearsal import Refused, tasks_of
 from dore.sim.senses import Truth
+from dore.sim.stage import REPORT_NAME, VIDEO_NAME, Stage
 
 pytestmark = pytest.mark.sim
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
-REACH = Reach(LAYOUT, clearance_m=0.10, half_fan_deg=30.0, n_sectors=61)
+REACH = Reach(LAYOUT, 0.10, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
+"""The arm's, with a sector at 0 degrees."""
 FIG7 = Scene(LAYOUT, obstacles=(15, 2, 8, 6, 12, 0), target=14)
 ARM = preset("arm/panda_slim")
 OBJECTS = preset("objects/mixed")
+
+
+def stage(**changes: Any) -> Stage:
+    """Without pictures."""
+    return replace(Stage(ARM, OBJECTS, preset("camera/corner"), seed=0, film=False), **changes)
 
 
 def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
@@ -44,7 +52,7 @@ FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0
 def fig7(tmp_path_factory) -> dict[str, Any]:
     """The paper's Fig. 7 plan, carried out in state mode: its report as the file holds it."""
     folder = tmp_path_factory.mktemp("fig7")
-    execute(FIG7_PLAN, ARM, folder, video=False)
+    execute(FIG7_PLAN, stage(), folder)
     assert [file.name for file in folder.iterdir()] == [REPORT_NAME]
     return json.loads((folder / REPORT_NAME).read_text())
 
@@ -69,7 +77,7 @@ def test_fig7_report_says_what_each_move_did(fig7):
 
 
 def test_same_seed_same_execution(tmp_path):
-    one, two = (execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), ARM, tmp_path / n, video=False, seed=5) for n in "ab")
+    one, two = (execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(seed=5), tmp_path / n) for n in "ab")
     assert one.success
     for report in (one, two):
         report.wall_s = report.rehearsal_s = 0.0
@@ -78,7 +86,7 @@ def test_same_seed_same_execution(tmp_path):
 
 
 def test_a_lane_through_an_object_is_refused_before_anything_moves(tmp_path):
-    report = execute(plan_of(), ARM, tmp_path, video=False)
+    report = execute(plan_of(), stage(), tmp_path)
     assert report.refused
     assert not report.success
     assert report.outcome is Outcome.BLOCKED
@@ -93,7 +101,7 @@ def test_a_carried_object_that_would_touch_another_is_refused():
     with pytest.raises(
         Refused, match=r"move 1 \(3 to 15\): insert: the .* would touch the object on cell 10"
     ) as caught:
-        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), ARM, OBJECTS.draw(3, np.random.default_rng(0)))
+        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), stage(), OBJECTS.draw(3, np.random.default_rng(0)))
     assert caught.value.outcome is Outcome.BLOCKED
 
 
@@ -101,24 +109,33 @@ def test_what_the_arm_cannot_reach_is_refused():
     far = Layout.grid(3, 6, 0.12, 0.90)
     bodies = OBJECTS.draw(1, np.random.default_rng(0))
     with pytest.raises(Refused, match=r"target \(15\)") as caught:
-        rehearse(plan_of(scene=Scene(far, (), 14)), ARM, bodies)
+        rehearse(plan_of(scene=Scene(far, (), 14)), stage(), bodies)
     assert caught.value.outcome is Outcome.OUT_OF_REACH
     with pytest.raises(Refused, match="heads 8"):
-        rehearse(plan_of(scene=Scene(LAYOUT, (), 0), target_direction_deg=55.0), ARM, bodies)
+        rehearse(plan_of(scene=Scene(LAYOUT, (), 0), target_direction_deg=55.0), stage(), bodies)
+
+
+def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(tmp_path):
+    far = Layout.grid(6, 3, 0.12, 0.50)
+    plan = PlanFile(Scene(far, (), 4), Reach(far, 0.10, 30.0, 61), Plan(Status.SOLVED, (), 0.0, "test", 0.0))
+    report = execute(plan, stage(), tmp_path / "far")
+    assert report.refused
+    assert report.outcome is Outcome.OUT_OF_REACH
+    assert re.fullmatch(r"refused: the layout: cells (\d+, )*17(, \d+)* are out of the arm's reach", report.message)
+    other = Reach(LAYOUT, 0.08, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
+    report = execute(replace(FIG7_PLAN, reach=other), stage(), tmp_path / "other")
+    assert report.refused
+    assert report.outcome is Outcome.OTHER_REACH
+    assert "made for another reach: " in report.message
+    assert report.moves == []
 
 
 def test_an_unsolved_plan_and_low_objects_are_bad_input(tmp_path):
     plan = Plan(Status.GAVE_UP, (), None, "test", 0.0)
     with pytest.raises(InputError, match=r"plan\.status"):
-        execute(PlanFile(FIG7, REACH, plan), ARM, tmp_path / "none", video=False)
+        execute(PlanFile(FIG7, REACH, plan), stage(), tmp_path / "none")
     with pytest.raises(InputError, match=r"objects\.height_m"):
-        execute(
-            FIG7_PLAN,
-            ARM,
-            tmp_path / "none",
-            video=False,
-            objects=replace(OBJECTS, height_m=(0.05, 0.06)),
-        )
+        stage(objects=replace(OBJECTS, height_m=(0.05, 0.06)))
     assert not (tmp_path / "none").exists()
 
 
@@ -151,7 +168,7 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
 
     if after_steps == 0:
         disturb()
-    rehearsal = rehearse(plan, ARM, bodies)
+    rehearsal = rehearse(plan, stage(), bodies)
     rehearsal.begin(scene)
     senses = Truth(env.unwrapped, rehearsal)
     assert Operator(env, rehearsal, senses, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
@@ -161,7 +178,7 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
 def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
     """The jaws turn it by 34 degrees and shift it; the arm sees that and makes up for it."""
     plan = plan_of(Move(14, 16, 30.0, 0.0), Move(16, 14, -20.0, 30.0), scene=Scene(LAYOUT, (14,), 0))
-    report = execute(plan, ARM, tmp_path, video=False, objects=replace(OBJECTS, shapes="cuboid"))
+    report = execute(plan, stage(objects=replace(OBJECTS, shapes="cuboid")), tmp_path)
     assert report.success
     assert max(move.placement_error_mm or 0.0 for move in report.moves) < 3.0
 
@@ -197,7 +214,7 @@ def test_a_film_is_made_where_vulkan_is(tmp_path: Path):
     if render_backend() == "none":
         pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
     camera = replace(preset("camera/corner"), width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
-    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), ARM, tmp_path, video=True, camera=camera)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(camera=camera, film=True), tmp_path)
     assert report.success
     assert report.video == VIDEO_NAME
     assert sorted(file.name for file in tmp_path.iterdir()) == [REPORT_NAME, VIDEO_NAME]

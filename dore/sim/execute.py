@@ -3,46 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
-
 from dore.errors import InputError
+from dore.layout import Layout
 from dore.plan import PlanFile, Status, cell_id
-from dore.sim.arm import render_backend
+from dore.reach import Reach
+from dore.render import panels_of
 from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker
-from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig, preset
-from dore.sim.description import arm_files
-from dore.sim.kinematics import ArmKinematics
+from dore.sim.config import Body
+from dore.sim.lanes import arm_reach, cells_out_of_reach, lane_differences
 from dore.sim.measure import MoveMeter
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
 from dore.sim.rehearsal import MoveTask, Refused, Rehearsal, tasks_of
 from dore.sim.report import ExecutionReport
 from dore.sim.senses import Truth
+from dore.sim.stage import CONTROL_S, REPORT_NAME, VIDEO_NAME, Stage
 from dore.sim.task import DoreTabletopEnv
 from dore.sim.video import Video
 
-REPORT_NAME, VIDEO_NAME = "execution.json", "execution.mp4"
-NO_PICTURES = "no Vulkan driver here: state only; for pictures run scripts/install_lavapipe.sh (Debian 12, as root)"
-_CONTROL_S = 0.05
 _LAST_LOOK_STEPS = 20
 
 
-def execute(
-    plan_file: PlanFile,
-    arm: ArmConfig,
-    out_dir: Path,
-    video: bool,
-    *,
-    objects: ObjectConfig | None = None,
-    camera: CameraConfig | None = None,
-    seed: int = 0,
-) -> ExecutionReport:
+def execute(plan_file: PlanFile, stage: Stage, out_dir: Path) -> ExecutionReport:
     """Carry out a solved plan in `DoreTabletop-v1` and write `execution.json` (and `execution.mp4`) to `out_dir`.
 
     The whole plan is rehearsed in kinematics first; a plan that the arm cannot carry out is refused, and nothing
@@ -50,41 +35,31 @@ def execute(
 
     Args:
         plan_file: scene and plan; cells count from 0.
-        arm: how the arm stands and moves.
+        stage: arm, objects, camera, seed.
         out_dir: made if it is not there.
-        video: whether to make pictures where a Vulkan driver exists.
-        objects: what the objects are; None: the defaults.
-        camera: None: the default.
-        seed: of the objects' shapes and of the simulator; the same seed gives the same report but for wall times.
 
     Raises:
-        InputError: a plan that is not solved, or objects lower than the grasp.
+        InputError: a plan that is not solved.
         OSError: `out_dir` cannot be written.
     """
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
-    objects = objects or preset("objects/mixed")
-    if objects.height_m[0] <= arm.grasp_height_m:
-        raise InputError(
-            f"objects.height_m: from {objects.height_m[0]:g}, want more than arm.grasp_height_m {arm.grasp_height_m:g}"
-        )
     started = time.perf_counter()
     out_dir.mkdir(parents=True, exist_ok=True)
-    bodies = objects.draw(1 + len(plan_file.scene.obstacles), np.random.default_rng(seed))
-    report = _blank(plan_file, arm, bodies, seed)
-    tasks = tasks_of(plan_file.scene, plan_file.plan)
+    bodies = stage.bodies(1 + len(plan_file.scene.obstacles))
+    report = stage.report(plan_file.scene, bodies, plan_file.plan.planner)
     try:
-        rehearsal = rehearse(plan_file, arm, bodies)
+        check_reach(plan_file.scene.layout, plan_file.reach, stage)
+        rehearsal = rehearse(plan_file, stage, bodies)
     except Refused as refusal:
         report.outcome, report.message, report.refused = refusal.outcome, f"refused: {refusal}", True
     else:
         report.rehearsal_s = round(time.perf_counter() - started, 3)
         rehearsal.begin(plan_file.scene)
-        backend = render_backend() if video else "none"
-        report.pictures = "not asked for" if not video else NO_PICTURES if backend == "none" else VIDEO_NAME
-        env = _environment(plan_file, arm, bodies, objects, camera or preset("camera/corner"), backend)
+        backend, report.pictures = stage.pictures()
+        env = stage.environment(plan_file.scene.layout, bodies, backend)
         try:
-            _perform(env, rehearsal, plan_file, tasks, report, out_dir)
+            _perform(env, rehearsal, plan_file, report, out_dir)
         finally:
             env.close()
     report.finished = True
@@ -93,7 +68,24 @@ def execute(
     return report
 
 
-def rehearse(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...]) -> Rehearsal:
+def check_reach(layout: Layout, planned: Reach, stage: Stage) -> None:
+    """Whether plans are made for what this arm can do.
+
+    Raises:
+        Refused: the arm cannot reach cells of the layout, or the plan is for another reach: which cells, or lanes.
+    """
+    kinematics = stage.kinematics()
+    own = arm_reach(stage.arm, stage.objects, layout, kinematics)
+    far = cells_out_of_reach(layout, own, kinematics)
+    if far:
+        listed = ", ".join(str(cell_id(cell)) for cell in far)
+        raise Refused(Outcome.OUT_OF_REACH, "the layout", f"cells {listed} are out of the arm's reach")
+    differences = lane_differences(planned, own)
+    if differences:
+        raise Refused(Outcome.OTHER_REACH, "the plan", f"made for another reach: {differences}")
+
+
+def rehearse(plan_file: PlanFile, stage: Stage, bodies: tuple[Body, ...]) -> Rehearsal:
     """The whole plan in kinematics: every motion within reach, and nothing touched.
 
     bodies: the target first, then one for each obstacle of the scene; they stand in their cells' centres.
@@ -104,51 +96,36 @@ def rehearse(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...]) -> R
     Raises:
         Refused: naming the move, the reason and what is in the way.
     """
-    scene, layout = plan_file.scene, plan_file.scene.layout
-    kinematics = ArmKinematics(arm_files(visuals=False), arm)
+    scene, layout, kinematics = plan_file.scene, plan_file.scene.layout, stage.kinematics()
     checker = CollisionChecker(kinematics, bodies, layout.front_m - TABLE_OVERHANG_M)
-    rehearsal = Rehearsal(layout, kinematics, checker, _CONTROL_S)
+    rehearsal = Rehearsal(layout, kinematics, checker, CONTROL_S)
     rehearsal.begin(scene)
     rehearsal.play(tasks_of(scene, plan_file.plan))
     return rehearsal
 
 
-def _blank(plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...], seed: int) -> ExecutionReport:
-    cells = (plan_file.scene.target, *plan_file.scene.obstacles)
-    listed = [{"cell": cell_id(c), "target": i == 0, **asdict(bodies[i])} for i, c in enumerate(cells)]
-    return ExecutionReport(Outcome.INCOMPLETE, "not finished", arm.name, seed, plan_file.plan.planner, listed)
-
-
-def _environment(
-    plan_file: PlanFile, arm: ArmConfig, bodies: tuple[Body, ...], objects: ObjectConfig, camera: CameraConfig,
-    backend: str,
-) -> Any:  # fmt: skip
-    return gym.make(
-        "DoreTabletop-v1", layout=plan_file.scene.layout, bodies=bodies, arm=arm, camera=camera,
-        density_kg_m3=objects.density_kg_m3, obs_mode="none", reward_mode="none", control_mode="pd_joint_pos",
-        sim_backend="physx_cpu", render_backend=backend, enable_shadow=camera.shadows,
-        render_mode=None if backend == "none" else "rgb_array",
-    )  # fmt: skip
-
-
-def _perform(
-    env: Any, rehearsal: Rehearsal, plan_file: PlanFile, tasks: Sequence[MoveTask], report: ExecutionReport,
-    out_dir: Path,
-) -> None:  # fmt: skip
+def _perform(env: Any, rehearsal: Rehearsal, plan_file: PlanFile, report: ExecutionReport, out_dir: Path) -> None:
     """Run the moves until one does not end well; the report is rewritten after each."""
     report.write(out_dir / REPORT_NAME)  # an interrupted execution leaves a report that says so
     env.reset(seed=report.seed, options={"cells": [plan_file.scene.target, *plan_file.scene.obstacles]})
-    with Video(env, out_dir / VIDEO_NAME, _CONTROL_S, report.pictures == VIDEO_NAME) as film:
+    with Video(env, out_dir / VIDEO_NAME, CONTROL_S, report.pictures == VIDEO_NAME) as film:
         world: DoreTabletopEnv = env.unwrapped
         operator = Operator(env, rehearsal, Truth(world, rehearsal), film.after_step)
         report.outcome = Outcome.DONE
-        for task in tasks:
+        tasks = tasks_of(plan_file.scene, plan_file.plan)
+        for task, panel in zip(tasks, panels_of(plan_file.scene, plan_file.reach, plan_file.plan), strict=True):
+            moving = panel.move is not None
+            film.show(f"move {panel.number} of {len(tasks) - 1}: {panel.words}" if moving else panel.words, panel)
             _run_move(operator, task, MoveMeter(world, operator.simulated_s), report)
+            film.tell(report.message, still=f"move_{panel.number}" if moving else "target")
+            report.stills = film.stills
             report.write(out_dir / REPORT_NAME)
             if report.outcome is not Outcome.DONE:
                 break
         operator.hold(_LAST_LOOK_STEPS)
-        _conclude(operator, report)
+        conclude(operator, report)
+        if len(report.moves) == len(tasks):
+            film.tell(report.message)
     report.video = VIDEO_NAME if film.written else None
 
 
@@ -162,7 +139,7 @@ def _run_move(operator: Operator, task: MoveTask, meter: MoveMeter, report: Exec
     report.simulated_s = round(operator.simulated_s, 3)
 
 
-def _conclude(operator: Operator, report: ExecutionReport) -> None:
+def conclude(operator: Operator, report: ExecutionReport) -> None:
     """Nothing is called done that the task's own conditions do not confirm."""
     report.conditions = operator.conditions()
     report.simulated_s = round(operator.simulated_s, 3)

@@ -16,6 +16,8 @@ from dore.sim.report import MoveReport
 from dore.sim.senses import leaning_deg, positions
 from dore.sim.task import DoreTabletopEnv
 
+_PUT_DOWN = (Outcome.DONE, Outcome.MISPLACED, Outcome.PUSHED, Outcome.TOPPLED)
+
 
 class MoveMeter:
     """Started before a move, read after it.
@@ -28,6 +30,7 @@ class MoveMeter:
     def __init__(self, task: DoreTabletopEnv, simulated_s: float) -> None:
         self._task, self._simulated_s = task, simulated_s
         self._wall, self._before = time.perf_counter(), positions(task)
+        self._waiting = task.waiting()[0]
         self._yaw = [_yaw(actor.pose.to_transformation_matrix()[0]) for actor in task.objects]
 
     def nearest(self, xy: tuple[float, float]) -> int:
@@ -38,9 +41,10 @@ class MoveMeter:
         """What became of the move of the object `index`."""
         after, layout = positions(self._task), self._task.layout
         moved = 1e3 * np.linalg.norm(after - self._before, axis=1)
-        others = {i: round(float(moved[i]), 2) for i in range(len(moved)) if i != index}
+        beside = (self._waiting | self._task.waiting()[0]).tolist()
+        others = {i: round(float(moved[i]), 2) for i in range(len(moved)) if i != index and not beside[i]}
         error = None
-        if task.place_cell is not None:
+        if task.place_cell is not None and outcome in _PUT_DOWN:
             error = round(1e3 * float(np.linalg.norm(after[index, :2] - layout.cells[task.place_cell])), 2)
         return MoveReport(
             name=task.name,

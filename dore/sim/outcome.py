@@ -6,13 +6,15 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """Named ends. The first is the only good one; the next two are refusals, by the rehearsal of what comes next."""
+    """Named ends. The first is the only good one."""
 
     DONE = "done"
     OUT_OF_REACH = "out_of_reach"
     """Refused: the arm cannot take a pose of a lane, on its branch and within its limits."""
     BLOCKED = "blocked"
     """Refused: the arm, or what it carries, would touch something."""
+    OTHER_REACH = "other_reach"
+    """Refused: the plan was made for another reach than this arm's."""
     WORLD_CHANGED = "world_changed"
     """Before a move, an object does not stand in the cell where the plan has it."""
     MISSED_GRASP = "missed_grasp"
@@ -27,5 +29,13 @@ class Outcome(StrEnum):
     """An object that was not moved on purpose stands further from its place than allowed."""
     MISPLACED = "misplaced"
     """The moved object stands outside its cell."""
+    NOT_UNDERSTOOD = "not_understood"
+    """What the camera sees is no board with one target: two objects in a cell, one off the board, none green ..."""
+    NO_PLAN = "no_plan"
+    """The planner proves that what is seen cannot be solved, or gives up."""
+    GAVE_UP = "gave_up"
+    """A closed loop has made all the moves, or met all the faults, that it may."""
+    UNCONFIRMED = "unconfirmed"
+    """A closed loop's last motion ended well, but what it sees or feels does not say that the target is out."""
     INCOMPLETE = "incomplete"
     """Every motion ended well, and yet the task's own conditions are not all met."""

@@ -42,7 +42,9 @@ class ExecutionReport:
     """A whole execution. `finished` is False in a file left by an interrupted one.
 
     message: one line for people. refused: True if nothing was moved, because the rehearsal found that the plan
-    cannot be carried out. conditions: the task's own, all of which success needs. video: path beside the report.
+    cannot be carried out. events: what a closed loop saw, planned and met, in order. claimed: by what it saw and felt,
+    a closed loop holds the target. conditions: the task's own, all of which success needs. video: path beside the
+    report.
     """
 
     outcome: Outcome
@@ -55,10 +57,13 @@ class ExecutionReport:
     finished: bool = False
     moves: list[MoveReport] = field(default_factory=list)
     conditions: dict[str, bool] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    claimed: bool = False
     simulated_s: float = 0.0
     rehearsal_s: float = 0.0
     wall_s: float = 0.0
     video: str | None = None
+    stills: list[str] = field(default_factory=list)
     pictures: str = ""
 
     @property

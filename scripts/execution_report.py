@@ -1,0 +1,138 @@
+"""The page of many executions, and a CSV of them, from their reports alone.
+
+python -m scripts.execution_report PAGE COMMAND TITLE=FOLDER...: each FOLDER is one of scripts/executions.py; PAGE.md
+and PAGE.csv are written.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from statistics import fmean
+
+from dore.errors import atomic_write
+from dore.intervals import percentile, wilson
+from dore.run_folder import commit
+from dore.sim.stage import REPORT_NAME
+from dore.tables import Table, as_markdown
+
+PUSHED_MM = 5.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """One execution. pushed: moves in which an object that should stand still moved more than `PUSHED_MM`."""
+
+    title: str
+    obstacles: int
+    number: str
+    disturbance: str
+    outcome: str
+    refused: bool
+    success: bool
+    claimed: bool
+    toppled: bool
+    moves: int
+    pushed: int
+    others_moved_mm: float
+    placement_error_mm: float
+    tilt_deg: float
+    grasp_margin_mm: float
+    simulated_s: float
+    rehearsal_s: float
+    wall_s: float
+    message: str
+
+
+def main(page: Path, command: str, folders: dict[str, Path]) -> None:
+    """Read, count, write."""
+    runs = [run for title, folder in folders.items() for run in read(title, folder)]
+    with atomic_write(page.with_suffix(".csv")) as file:
+        writer = csv.DictWriter(file, list(asdict(runs[0])), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(asdict(run) for run in runs)
+    lines = [
+        "# Executions on the simulated arm",
+        "",
+        f"`{command}`, commit {commit()}, load {os.getloadavg()[0]:.2f} when this page was made from the reports. "
+        "Scenes of 3 x 6 that `exact` proves to be solvable, of the test split of a seed that nothing was tuned on; "
+        "cuboids and cans in turn; `reach=panda_slim`. Success is the simulator's own word: the target is held up "
+        "and out of the grid, every other object stands upright in a cell.",
+    ]
+    for title in folders:
+        mine = [run for run in runs if run.title == title]
+        lines += ["", f"## {title}", "", as_markdown(_summary(mine)), "", *_others(mine)]
+    with atomic_write(page.with_suffix(".md")) as file:
+        file.write("\n".join(lines).rstrip("\n") + "\n")
+    print(f"{page}.md")
+
+
+def read(title: str, folder: Path) -> Iterator[Run]:
+    """The finished executions of a folder, in order."""
+    for path in sorted(folder.glob(f"z*/*/{REPORT_NAME}")):
+        report = json.loads(path.read_text())
+        if not report["finished"]:
+            continue
+        moves = report["moves"]
+        yield Run(
+            title=title,
+            obstacles=int(path.parts[-3][1:]),
+            number=path.parts[-2],
+            disturbance=next((one["text"] for one in report["events"] if one["event"] == "disturbance"), ""),
+            outcome=report["outcome"],
+            refused=report["refused"],
+            success=report["success"],
+            claimed=report["claimed"],
+            toppled=report["outcome"] == "toppled" or report["conditions"].get("all_upright") is False,
+            moves=len(moves),
+            pushed=sum(move["others_moved_mm"] > PUSHED_MM for move in moves),
+            others_moved_mm=max((move["others_moved_mm"] for move in moves), default=0.0),
+            placement_error_mm=max((move["placement_error_mm"] or 0.0 for move in moves), default=0.0),
+            tilt_deg=max((move["tilt_deg"] for move in moves), default=0.0),
+            grasp_margin_mm=min((move["grasp_margin_mm"] for move in moves), default=0.0),
+            simulated_s=report["simulated_s"],
+            rehearsal_s=report["rehearsal_s"],
+            wall_s=report["wall_s"],
+            message=report["message"],
+        )
+
+
+def _summary(runs: Sequence[Run]) -> Table:
+    """A line for each number of obstacles, and for all."""
+    table: Table = [
+        ["obstacles", "runs", "refused", "success (%)", "wrong claims", "toppled", "moves", "pushed > 5 mm (%)",
+         "placed within, mm: mean, max", "simulated s", "wall s: median, max"],
+    ]  # fmt: skip
+    for z in [*sorted({run.obstacles for run in runs}), None]:
+        some = [run for run in runs if z in (run.obstacles, None)]
+        moves, pushed = sum(run.moves for run in some), sum(run.pushed for run in some)
+        share, placed = wilson(sum(run.success for run in some), len(some)), [run.placement_error_mm for run in some]
+        wall = [run.wall_s for run in some]
+        table.append(
+            ["all" if z is None else str(z), str(len(some)), str(sum(run.refused for run in some)),
+             f"{100 * share.value:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}]",
+             str(sum(run.claimed and not run.success for run in some)), str(sum(run.toppled for run in some)),
+             str(moves), f"{100 * pushed / max(1, moves):.2f}", f"{fmean(placed):.2f}, {max(placed):.2f}",
+             f"{fmean(run.simulated_s for run in some):.1f}", f"{percentile(wall, 50):.1f}, {max(wall):.1f}"]
+        )  # fmt: skip
+    return table
+
+
+def _others(runs: Sequence[Run]) -> list[str]:
+    """Every run that did not succeed, by name."""
+    failed = [run for run in runs if not run.success]
+    if not failed:
+        return ["Every run succeeded."]
+    counted = ", ".join(f"{n} {outcome}" for outcome, n in Counter(run.outcome for run in failed).most_common())
+    listed = [f"- {run.obstacles} obstacles, run {run.number}: {run.outcome}: {run.message}" for run in failed]
+    return [f"{len(failed)} did not: {counted}.", "", *listed]
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2], {k: Path(v) for k, v in (one.split("=", 1) for one in sys.argv[3:])})

@@ -1,0 +1,156 @@
+"""Carries out many random scenes on the simulated arm, several at a time, each in a folder of its own.
+
+python -m scripts.executions OUT [--obstacles 5,7,9] [--runs 100] [--planner guided] [--loop open] [--seed 7] ...
+What is done is skipped, so a run that was stopped goes on. The scenes are the first ones of the seed's test split
+that the planners of --solved-by have plans for. scripts/execution_report.py makes the page from the reports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import hydra
+import torch
+from omegaconf import DictConfig
+from tqdm import tqdm
+
+from dore import build
+from dore.errors import InputError, whole
+from dore.instances import InstanceSet
+from dore.paths import conf_dir
+from dore.plan import PlanFile, Scene, Status
+from dore.planners.label import label
+from dore.sampling import Difficulty
+from dore.sim.closed_execution import execute_closed
+from dore.sim.closed_loop import Loop
+from dore.sim.execute import execute
+from dore.sim.outcome import Outcome
+from dore.sim.stage import REPORT_NAME, Stage
+
+
+@dataclass(frozen=True)
+class Job:
+    """One execution: overrides of dore-execute, the scene, and where its report goes."""
+
+    overrides: tuple[str, ...]
+    scene: Scene
+    folder: Path
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run what is not done yet."""
+    chosen = _arguments(arguments)
+    jobs = [job for obstacles in chosen.obstacles for job in _jobs(chosen, obstacles)]
+    todo = [job for job in jobs if not finished(job.folder)]
+    print(f"{len(jobs) - len(todo)} of {len(jobs)} executions are done in {chosen.out}")
+    # Not forked: SAPIEN's renderer does not survive it.
+    with multiprocessing.get_context("spawn").Pool(chosen.workers) as pool:
+        for _ in tqdm(pool.imap_unordered(_carry_out, todo), total=len(todo), unit="plan"):
+            pass
+
+
+def _arguments(given: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, help="folder of the executions")
+    parser.add_argument("--obstacles", default="5,7,9", help="numbers of obstacles, separated by commas")
+    parser.add_argument("--runs", type=int, default=100, help="scenes for each number of obstacles")
+    parser.add_argument("--planner", default="guided", help="who plans")
+    parser.add_argument("--solved-by", default="exact", help="planners that must have a plan for a scene")
+    parser.add_argument("--candidates", type=int, help="how many scenes these are looked for in; 4 times --runs")
+    parser.add_argument("--loop", default="open", choices=["open", "closed"])
+    parser.add_argument("--disturbance", default="none", help="none, moved, slip, stranger, or mixed: each in turn")
+    parser.add_argument("--seed", type=int, default=7, help="of the scenes")
+    parser.add_argument("--workers", type=int, default=2, help="executions at a time")
+    parser.add_argument("--set", action="append", default=[], help="a further override of dore-execute")
+    chosen = parser.parse_args(given)
+    try:
+        chosen.obstacles = [whole("--obstacles", int(one), 1) for one in chosen.obstacles.split(",")]
+        whole("--runs", chosen.runs, 1)
+        whole("--workers", chosen.workers, 1)
+    except (InputError, ValueError) as error:
+        parser.error(str(error))
+    return chosen
+
+
+def finished(folder: Path) -> bool:
+    """Whether an execution came to its end there."""
+    report = folder / REPORT_NAME
+    return report.exists() and json.loads(report.read_text())["finished"]
+
+
+def composed(overrides: tuple[str, ...]) -> DictConfig:
+    """The config of dore-execute."""
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        return hydra.compose("execute", list(overrides))
+
+
+def _jobs(chosen: argparse.Namespace, obstacles: int) -> list[Job]:
+    kinds = ["moved", "slip", "stranger"] if chosen.disturbance == "mixed" else [chosen.disturbance]
+    scenes = solvable_scenes(
+        chosen.solved_by.split(","), obstacles, chosen.runs, chosen.candidates or 4 * chosen.runs, chosen.seed
+    )
+    return [
+        Job(
+            (f"planner={chosen.planner}", f"loop={chosen.loop}", f"disturbance={kinds[number % len(kinds)]}",
+             f"seed={number}", *chosen.set),
+            scene,
+            chosen.out / f"z{obstacles}" / f"{number:03d}",
+        )
+        for number, scene in enumerate(scenes)
+    ]  # fmt: skip
+
+
+def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates: int, seed: int) -> list[Scene]:
+    """The first `count` of so many scenes of the test split that all of the planners have a plan for.
+
+    Raises:
+        InputError: there are too few.
+    """
+    reach = build.reach_of(composed(()), "cpu")
+    instances = InstanceSet.generate(reach, candidates, Difficulty(obstacles, obstacles), "test", seed)
+    solved = torch.ones(len(instances), dtype=torch.bool)
+    for name in planners:
+        labels = label(instances, build.planner_of(composed((f"planner={name}",)), reach))
+        solved &= torch.tensor([status is Status.SOLVED for status in labels.status])
+    rows = solved.nonzero().squeeze(-1).tolist()[:count]
+    if len(rows) < count:
+        raise InputError(f"--runs: {count}, but only {len(rows)} of {len(instances)} scenes are solved by all")
+    print(f"{obstacles} obstacles: {count} of the first {rows[-1] + 1} scenes are solved by {', '.join(planners)}")
+    scenes = list(instances)
+    return [scenes[row] for row in rows]
+
+
+def _carry_out(job: Job) -> None:
+    """One execution, in a process of its own, on one thread."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+    torch.set_num_threads(1)
+    cfg = composed(job.overrides)
+    stage = Stage(build.make(cfg.arm, "arm"), build.make(cfg.objects, "objects"), build.make(cfg.camera, "camera"),
+                  cfg.seed, film=False)  # fmt: skip
+    reach = build.reach_of(cfg, "cpu", job.scene.layout)
+    planner = build.planner_of(cfg, reach)
+    shutil.rmtree(job.folder, ignore_errors=True)
+    if cfg.loop == "closed":
+        parts = (build.make(cfg[name], name) for name in ("eye", "disturbance", "limits"))
+        loop = Loop(planner.name, lambda seen: planner.plan(InstanceSet.of_scene(reach, seen))[0], reach, *parts)
+        execute_closed(job.scene, loop, stage, job.folder)
+        return
+    (plan,) = planner.plan(InstanceSet.of_scene(reach, job.scene))
+    if plan.status is Status.SOLVED:
+        execute(PlanFile(job.scene, reach, plan), stage, job.folder)
+        return
+    report = stage.report(job.scene, stage.bodies(1 + len(job.scene.obstacles)), planner.name)
+    report.outcome, report.refused, report.finished = Outcome.NO_PLAN, True, True
+    report.message = f"refused: {planner.name}: {plan.status} ({plan.reason})"
+    job.folder.mkdir(parents=True)
+    report.write(job.folder / REPORT_NAME)
+
+
+if __name__ == "__main__":
+    main()
