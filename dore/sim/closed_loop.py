@@ -128,7 +128,7 @@ class ClosedLoop:
             try:
                 seen = Seen.of(self._eye.look(self._env), self._world.layout)
             except NotUnderstood as error:
-                why = str(error)
+                why = error.reason
                 self._note("look", why)
                 continue
             self._note("look", seen.words, seen.scene)
@@ -215,7 +215,7 @@ class ClosedLoop:
         try:
             confirm(self._eye.look(self._env), before)
         except NotUnderstood as error:
-            raise Refused(Outcome.UNCONFIRMED, "the camera", str(error)) from None
+            raise Refused(Outcome.UNCONFIRMED, "the camera", error.reason) from None
         if not self._touch.holding():
             raise Refused(Outcome.UNCONFIRMED, "the hand", "it holds nothing")
         self._note("look", "the target is out, and every obstacle stands where it stood")

@@ -42,10 +42,7 @@ class Seen:
     @property
     def bodies(self) -> tuple[Body, ...]:
         """Every object as wide and as tall as it is seen."""
-        return tuple(
-            Body("cuboid" if one.shape == "cuboid" else "cylinder", one.half_width_m, one.height_m)
-            for one in self.objects
-        )
+        return tuple(Body(one.shape, one.half_width_m, one.height_m) for one in self.objects)
 
 
 def confirm(sightings: Sequence[Sighting], before: Scene) -> None:

@@ -1,0 +1,238 @@
+"""Closed loops: what is not as expected is met by looking and planning again, or by a refusal; never by a false claim.
+
+The camera is stood in for by the simulator's state, so that these run where nothing can render; tests/test_sim_eye.py
+has the camera itself.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sapien
+
+from dore.build import reach_of
+from dore.errors import InputError
+from dore.instances import InstanceSet
+from dore.layout import Layout
+from dore.plan import Scene
+from dore.planners.exact import Exact
+from dore.sim import closed_execution, closed_loop
+from dore.sim.arm import render_backend
+from dore.sim.closed_execution import execute_closed
+from dore.sim.closed_loop import ClosedLoop, Limits, Loop
+from dore.sim.config import preset
+from dore.sim.disturbances import Disturbed, Nothing, ObjectMoved, SlippingGrasp, StrangersObject
+from dore.sim.execute import conclude
+from dore.sim.outcome import Outcome
+from dore.sim.report import ExecutionReport
+from dore.sim.senses import leaning_deg, positions
+from dore.sim.stage import CONTROL_S, Stage
+from dore.sim.understanding import Sighting
+from dore.sim.video import Video
+from tests.commands import run
+from tests.test_conf import compose
+
+pytestmark = pytest.mark.sim
+
+LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
+SCENE = Scene(LAYOUT, obstacles=(2, 8, 13), target=14)
+LIMITS = Limits(max_moves=8, max_faults=2, max_looks=2)
+STAGE = Stage(preset("arm/panda_slim"), preset("objects/mixed"), preset("camera/corner"), seed=3, film=False)
+
+
+class TrueEye:
+    """Sees what is there: everything on the table that is not held up."""
+
+    def __init__(self, config: object, seed: int) -> None:
+        pass
+
+    def look(self, env: Any) -> tuple[Sighting, ...]:
+        world = env.unwrapped
+        seen = []
+        for index, (at, leaning) in enumerate(zip(positions(world), leaning_deg(world), strict=True)):
+            body, waiting = world.bodies[index], bool(world.waiting()[0, index])
+            on_table = at[0] < 1.2 and not waiting
+            if on_table and at[2] < body.height_m / 2 + 0.01:
+                half, tall, upright = body.half_width_m, body.height_m, bool(leaning < 10)
+                seen.append(Sighting((float(at[0]), float(at[1])), half, tall, 0.0, body.shape, upright, index == 0))
+        return tuple(seen)
+
+
+def loop_with(disturbance: Any, limits: Limits = LIMITS) -> Loop:
+    reach = reach_of(compose("execute", []), "cpu", LAYOUT)
+    planner = Exact(reach, max_nodes=10_000, max_seconds=20.0, max_memory_mb=256)
+    plan = lambda scene: planner.plan(InstanceSet.of_scene(reach, scene))[0]  # noqa: E731
+    return Loop("exact", plan, reach, preset("eye/kinect"), disturbance, limits)
+
+
+def carry_out(
+    monkeypatch: pytest.MonkeyPatch, loop: Loop, scene: Scene = SCENE, each_step: Callable[[Any], None] | None = None
+) -> ExecutionReport:
+    """The report of a closed loop; `each_step` is called with the environment after every control step."""
+    monkeypatch.setattr(closed_loop, "Eye", TrueEye)
+    bodies = STAGE.bodies(1 + len(scene.obstacles) + loop.disturbance.spare_objects)
+    report = STAGE.report(scene, bodies, loop.planner)
+    env = Disturbed(STAGE.environment(LAYOUT, bodies, "none"), loop.disturbance)
+    env.reset(seed=0, options={"cells": [scene.target, *scene.obstacles]})
+    film = Video(env, Path("unused.mp4"), CONTROL_S, on=False)
+    if each_step is not None:
+        monkeypatch.setattr(film, "after_step", lambda: each_step(env))
+    run = ClosedLoop(env, loop, STAGE.kinematics(), report, lambda: None, film)
+    run.run()
+    conclude(run.operator, report)
+    report.finished = True
+    env.close()
+    return report
+
+
+def kinds(report: ExecutionReport) -> list[str]:
+    return [event["event"] for event in report.events]
+
+
+def test_undisturbed_it_plans_once_and_claims_what_is_true(monkeypatch):
+    report = carry_out(monkeypatch, loop_with(Nothing()))
+    assert report.success
+    assert report.claimed
+    assert kinds(report).count("plan") == 1
+    assert kinds(report)[-1] == "look"
+    assert [move.outcome for move in report.moves] == [Outcome.DONE] * len(report.moves)
+    assert report.conditions["success"]
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "kind"),
+    [
+        (SlippingGrasp(at_grasp=1), "fault"),
+        (SlippingGrasp(at_grasp=2), "fault"),
+        (ObjectMoved(after_moves=1), "disturbance"),
+        (ObjectMoved(after_moves=0), "disturbance"),
+        (StrangersObject(after_moves=1), "disturbance"),
+    ],
+)
+def test_what_goes_wrong_once_is_seen_and_made_good(monkeypatch, disturbance, kind):
+    report = carry_out(monkeypatch, loop_with(disturbance))
+    assert kind in kinds(report)
+    assert report.success
+    assert report.claimed
+    assert report.conditions["success"]
+
+
+def test_a_grasp_that_always_slips_ends_in_a_named_refusal(monkeypatch):
+    class Slippery(SlippingGrasp):
+        def grip(self, world, command):
+            self.grasps_left = 1
+            return super().grip(world, command)
+
+    report = carry_out(monkeypatch, loop_with(Slippery(at_grasp=1)))
+    assert not report.claimed
+    assert report.outcome is Outcome.GAVE_UP
+    assert "3 faults, limits.max_faults" in report.message
+    assert len(report.moves) == 3
+
+
+def test_the_target_taken_out_of_the_hand_is_never_claimed(monkeypatch):
+    def thief(env):
+        world = env.unwrapped
+        if positions(world)[0, 0] < LAYOUT.front_m - 0.05:
+            world.objects[0].set_pose(sapien.Pose(p=[1.5, 0.0, -1.0]))
+
+    report = carry_out(monkeypatch, loop_with(Nothing()), each_step=thief)
+    assert not report.claimed
+    assert not report.success
+    assert report.outcome is Outcome.NOT_UNDERSTOOD
+    assert "no target" in report.message
+
+
+@pytest.mark.parametrize(
+    ("to", "says"),
+    [
+        ([0.45, 0.30, 0.075], r"off the board|outside|no cell"),
+        ([0.56, 0.30, 0.03], r"upright"),
+        ([0.66, -0.30, 0.075], r"two objects|both"),
+    ],
+)
+def test_a_scene_that_is_no_board_is_refused_by_name(monkeypatch, to, says):
+    """Off the board, lying down, and two in a cell."""
+    lying = [0.5**0.5, 0.5**0.5, 0, 0] if to[2] < 0.05 else [1, 0, 0, 0]
+
+    class Meddler(Nothing):
+        def between_moves(self, world, moves, rng):
+            world.objects[1].set_pose(sapien.Pose(p=to, q=lying))
+            return None
+
+    scene = Scene(LAYOUT, obstacles=(2, 11), target=14)
+    report = carry_out(monkeypatch, loop_with(Meddler()), scene)
+    assert report.outcome is Outcome.NOT_UNDERSTOOD
+    assert report.moves == []
+    assert kinds(report) == ["look", "look", "refusal"]
+    assert re.search(says, report.message), report.message
+
+
+def test_no_plan_is_said_with_the_planner_s_reason(monkeypatch):
+    full = Scene(LAYOUT, obstacles=tuple(cell for cell in range(18) if cell != 14), target=14)
+    report = carry_out(monkeypatch, loop_with(Nothing()), full)
+    assert report.outcome is Outcome.NO_PLAN
+    assert "exact: unsolvable" in report.message
+
+
+def test_limits_and_disturbances_check_their_domain():
+    with pytest.raises(InputError, match=r"limits\.max_moves"):
+        Limits(0, 1, 1)
+    with pytest.raises(InputError, match=r"disturbance\.at_grasp"):
+        SlippingGrasp(0)
+    with pytest.raises(InputError, match=r"disturbance\.after_moves"):
+        ObjectMoved(-1)
+
+
+def test_the_same_seed_disturbs_the_same(monkeypatch):
+    one, two = (carry_out(monkeypatch, loop_with(ObjectMoved(after_moves=0))) for _ in range(2))
+    assert one.events == two.events
+
+
+def test_without_a_camera_there_is_no_closed_loop(monkeypatch, tmp_path):
+    monkeypatch.setattr(closed_execution, "render_backend", lambda: "none")
+    with pytest.raises(InputError, match="closed needs a camera"):
+        execute_closed(SCENE, loop_with(Nothing()), STAGE, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "says"),
+    [
+        ([], "plan, scene: want one of them"),
+        (["plan=conf/plans/fig7.json", "scene=random"], "plan, scene: want one of them"),
+        (["plan=conf/plans/fig7.json", "loop=closed"], "want scene= and not plan="),
+        (["scene=random", "loop=half"], "loop: got 'half', want open or closed"),
+        (["scene=random", "obstacles=18"], "18"),
+        (["scene=random", "disturbance=flood"], "flood"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capfd, overrides, says):
+    assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 2
+    error = capfd.readouterr().err.strip()
+    assert says in error
+    assert "\n" not in error
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_scene_is_planned_and_carried_out(tmp_path, capfd):
+    assert run("execute", ["scene=random", "obstacles=5", "video=off", "seed=4", f"run_dir={tmp_path / 'run'}"]) == 0
+    assert "done: " in capfd.readouterr().out
+    assert json.loads((tmp_path / "run" / "execution.json").read_text())["planner"] == "guided"
+
+
+def test_a_real_camera_closes_the_loop(tmp_path, capfd):
+    if render_backend() == "none":
+        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
+    overrides = ["scene=random", "obstacles=5", "loop=closed", "disturbance=moved", "video=off", "seed=2"]
+    assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 0
+    report = json.loads((tmp_path / "run" / "execution.json").read_text())
+    assert report["claimed"]
+    assert report["conditions"]["success"]
+    assert np.isfinite(report["simulated_s"])
