@@ -1,16 +1,22 @@
-"""A plan as a picture: a strip of boards, one a move. Matplotlib's objects, no global state."""
+"""A plan as a picture: a strip of boards, one a move; or one board as pixels. Matplotlib's objects, no global state."""
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Patch, Polygon, Rectangle
+from matplotlib.typing import ColorType
+from numpy.typing import NDArray
 
 from dore.errors import atomic_write
-from dore.plan import Plan, Scene, cell_id, replay
+from dore.plan import Move, Plan, Scene, cell_id, replay
 from dore.reach import Reach
 
 OBSTACLE, TARGET, INK, FAINT = "#c8553d", "#2e8b57", "#2b2d33", "#8b8f98"
@@ -23,6 +29,48 @@ GAP_INCH, TITLE_INCH, HEAD_INCH, FOOT_INCH = 0.25, 0.32, 0.42, 0.38
 DPI = 200
 RADIUS = 0.3
 """Radius of an object as drawn, in cells; the true one is the reach's affair."""
+PANEL_LEGEND_INCH = (2.5, 0.42)
+"""Width and height of the legend of a panel that stands alone."""
+LEGEND = {
+    "obstacle": (OBSTACLE, 1.0),
+    "target and its lane": (TARGET, 1.0),
+    "lane of the pick": (PICK_LANE, 0.5),
+    "lane of the place": (PLACE_LANE, 0.5),
+}
+"""What each colour means, with its opacity."""
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A board and what happens on it next: a move, the target's retrieval, or nothing.
+
+    scene: where the objects stand before it. number: the move's, as written on its obstacle.
+    """
+
+    scene: Scene
+    reach: Reach
+    move: Move | None = None
+    target_direction_deg: float | None = None
+    number: int = 1
+
+    @property
+    def words(self) -> str:
+        """What happens: "3 to 12", "retrieve 15" or "no way found to 15"."""
+        if self.move is not None:
+            return f"{cell_id(self.move.pick)} to {cell_id(self.move.place)}"
+        found = self.target_direction_deg is not None
+        return f"{'retrieve' if found else 'no way found to'} {cell_id(self.scene.target)}"
+
+
+def panels_of(scene: Scene, reach: Reach, plan: Plan) -> tuple[Panel, ...]:
+    """One panel a move, then one for the retrieval; where no way to the target was found, nothing happens on it.
+
+    Raises:
+        PlanError: the plan does not replay.
+    """
+    boards = [Scene(scene.layout, tuple(sorted(board)), scene.target) for board in replay(scene, reach, plan)]
+    moves = [Panel(boards[i], reach, move, number=i + 1) for i, move in enumerate(plan.moves)]
+    return (*moves, Panel(boards[-1], reach, None, plan.target_direction_deg, len(moves) + 1))
 
 
 def draw_plan(scene: Scene, reach: Reach, plan: Plan, path: str | os.PathLike[str]) -> None:
@@ -34,32 +82,56 @@ def draw_plan(scene: Scene, reach: Reach, plan: Plan, path: str | os.PathLike[st
     Raises:
         PlanError: the plan does not replay.
     """
-    boards = replay(scene, reach, plan)
+    panels = panels_of(scene, reach, plan)
     left, right, bottom, top = _extent(scene)
     inch = CELL_INCH / scene.layout.cell_m
     width, height = (right - left) * inch, (top - bottom) * inch
-    panels = len(plan.moves) + 1
-    rows = math.ceil(panels / max(1, int((MAX_WIDTH_INCH - GAP_INCH) / (width + GAP_INCH))))
-    columns = math.ceil(panels / rows)
+    rows = math.ceil(len(panels) / max(1, int((MAX_WIDTH_INCH - GAP_INCH) / (width + GAP_INCH))))
+    columns = math.ceil(len(panels) / rows)
     across, down = width + GAP_INCH, height + TITLE_INCH
     size = (max(columns * across + GAP_INCH, 4.9), rows * down + HEAD_INCH + FOOT_INCH)
     figure = Figure(size, facecolor="white")
     indent = (size[0] - columns * across + GAP_INCH) / 2
-    for panel in range(panels):
-        row, column = divmod(panel, columns)
+    for index, panel in enumerate(panels):
+        row, column = divmod(index, columns)
         corner = (indent + column * across, size[1] - HEAD_INCH - (row + 1) * down)
         box = (corner[0] / size[0], corner[1] / size[1], width / size[0], height / size[1])
         axes = figure.add_axes(box, xlim=(left, right), ylim=(bottom, top))
-        axes.axis("off")
-        _draw_panel(axes, scene, reach, plan, panel, boards[panel])
+        title = panel.words if panel.words.startswith("no way") else f"{panel.number}.  {panel.words}"
+        axes.set_title(title, fontsize=9, color=INK, pad=3)
+        _draw_panel(axes, panel, {})
     count = f"{len(plan.moves)} rearrangement" + "s" * (len(plan.moves) != 1)
     title = f"{plan.planner}: {plan.status.replace('_', ' ')}, {count}"
     figure.text(
         0.5, 1 - HEAD_INCH / 2 / size[1], title, ha="center", va="center", fontsize=11, color=INK, weight="bold"
     )
-    _draw_legend(figure)
+    _draw_legend(figure, tuple(LEGEND), columns=4)
     with atomic_write(path, "wb") as file:
         figure.savefig(file, format="png", dpi=DPI)
+
+
+def panel_pixels(
+    panel: Panel, width_px: int, max_height_px: int, colours: Mapping[int, ColorType]
+) -> NDArray[np.uint8]:
+    """UInt8[H, width_px, 3]: one board with its legend, as tall as it needs to be and `max_height_px` at most.
+
+    colours: of the objects on these cells, in place of the usual ones.
+    """
+    left, right, bottom, top = _extent(panel.scene)
+    inch = CELL_INCH / panel.scene.layout.cell_m
+    across, down = (right - left) * inch, (top - bottom) * inch
+    # The legend grows with the board: wide boards are drawn small, and it must stay readable.
+    scale = max(1.0, across / PANEL_LEGEND_INCH[0])
+    width, height = PANEL_LEGEND_INCH[0] * scale, down + PANEL_LEGEND_INCH[1] * scale
+    dpi = min(width_px / width, max_height_px / height)
+    size = (width_px / dpi, int(height * dpi) / dpi)
+    figure = Figure(size, dpi=dpi, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    box = (0.5 - across / 2 / size[0], 1 - down / size[1], across / size[0], down / size[1])
+    _draw_panel(figure.add_axes(box, xlim=(left, right), ylim=(bottom, top)), panel, colours)
+    _draw_legend(figure, tuple(LEGEND)[1:], columns=2, scale=scale)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba())[..., :3]
 
 
 def _extent(scene: Scene) -> tuple[float, float, float, float]:
@@ -76,29 +148,27 @@ def _on_paper(scene: Scene, cell: int) -> tuple[float, float]:
     return -y, x
 
 
-def _draw_panel(axes: Axes, scene: Scene, reach: Reach, plan: Plan, panel: int, standing: set[int]) -> None:
-    """One board and what happens on it: the move of that number, or the retrieval."""
+def _draw_panel(axes: Axes, panel: Panel, colours: Mapping[int, ColorType]) -> None:
+    """One board and what happens on it. colours: of the objects on these cells, in place of the usual ones."""
+    scene, reach, move = panel.scene, panel.reach, panel.move
+    axes.axis("off")
     _draw_cells(axes, scene)
-    move = plan.moves[panel] if panel < len(plan.moves) else None
     if move is not None:
         _draw_lane(axes, scene, reach, move.place, move.place_direction_deg, PLACE_LANE)
         _draw_lane(axes, scene, reach, move.pick, move.pick_direction_deg, PICK_LANE)
-        title = f"{panel + 1}.  {cell_id(move.pick)} to {cell_id(move.place)}"
-    elif plan.target_direction_deg is not None:
-        _draw_lane(axes, scene, reach, scene.target, plan.target_direction_deg, TARGET)
-        title = f"{panel + 1}.  retrieve {cell_id(scene.target)}"
-    else:
-        title = f"no way found to {cell_id(scene.target)}"
-    axes.set_title(title, fontsize=9, color=INK, pad=3)
+    if panel.target_direction_deg is not None:
+        _draw_lane(axes, scene, reach, scene.target, panel.target_direction_deg, TARGET)
     size = RADIUS * scene.layout.cell_m
-    for cell in standing:
-        axes.add_patch(Circle(_on_paper(scene, cell), size, facecolor=OBSTACLE, edgecolor="white", lw=0.8, zorder=4))
-    axes.add_patch(Circle(_on_paper(scene, scene.target), size, facecolor=TARGET, edgecolor="white", lw=0.8, zorder=4))
+    usual: dict[int, ColorType] = {**dict.fromkeys(scene.obstacles, OBSTACLE), scene.target: TARGET}
+    for cell, colour in usual.items():
+        colour = colours.get(cell, colour)
+        axes.add_patch(Circle(_on_paper(scene, cell), size, facecolor=colour, edgecolor="white", lw=0.8, zorder=4))
     if move is not None:
-        place = Circle(_on_paper(scene, move.place), size, facecolor="white", edgecolor=OBSTACLE, lw=1.2, zorder=4)
+        edge = colours.get(move.pick, OBSTACLE)
+        place = Circle(_on_paper(scene, move.place), size, facecolor="white", edgecolor=edge, lw=1.2, zorder=4)
         place.set_linestyle((0, (2.5, 1.5)))
         axes.add_patch(place)
-        _draw_arrow(axes, scene, move.pick, move.place, panel + 1)
+        _draw_arrow(axes, scene, move.pick, move.place, panel.number)
 
 
 def _draw_cells(axes: Axes, scene: Scene) -> None:
@@ -171,20 +241,15 @@ def _draw_arrow(axes: Axes, scene: Scene, pick: int, place: int, number: int) ->
     )
 
 
-def _draw_legend(figure: Figure) -> None:
-    """What the colours mean."""
-    handles = [
-        Patch(facecolor=OBSTACLE, label="obstacle"),
-        Patch(facecolor=TARGET, label="target and its lane"),
-        Patch(facecolor=PICK_LANE, alpha=0.5, label="lane of the pick"),
-        Patch(facecolor=PLACE_LANE, alpha=0.5, label="lane of the place"),
-    ]
+def _draw_legend(figure: Figure, names: tuple[str, ...], columns: int, scale: float = 1.0) -> None:
+    """What the colours mean: these lines of LEGEND."""
+    handles = [Patch(facecolor=LEGEND[name][0], alpha=LEGEND[name][1], label=name) for name in names]
     figure.legend(
         handles=handles,
         loc="lower center",
-        ncols=4,
+        ncols=columns,
         frameon=False,
-        fontsize=7,
+        fontsize=7 * scale,
         labelcolor=INK,
         handlelength=1.2,
         handleheight=0.9,

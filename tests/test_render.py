@@ -5,16 +5,18 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 
 from dore.curves import draw_learning_curve
 from dore.errors import InputError
 from dore.instances import InstanceSet
 from dore.layout import Layout
-from dore.plan import PlanError, Scene, Status
+from dore.plan import Move, PlanError, Scene, Status
 from dore.planners.base import Draft, checked_plans
 from dore.reach import Reach
-from dore.render import CELL_INCH, DPI, draw_plan
+from dore.render import CELL_INCH, DPI, OBSTACLE, Panel, draw_plan, panel_pixels, panels_of
 from tests.drawings import scene_of
 
 DRAWING = """
@@ -71,6 +73,48 @@ def test_a_plan_that_does_not_replay_is_not_drawn(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="move 1"):
         draw_plan(elsewhere, reach, plan, tmp_path / "plan.png")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_panels_follow_the_boards_of_a_plan() -> None:
+    scene = scene_of(DRAWING)
+    reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
+    near, behind = scene.obstacles[1], scene.obstacles[0]
+    start = InstanceSet.of_scene(reach, scene)
+    (plan,) = checked_plans(reach, start, [Draft([(near, 0), (behind, 1)], Status.SOLVED, 0.0)], "test")
+    panels = panels_of(scene, reach, plan)
+    assert [panel.scene.obstacles for panel in panels] == [
+        tuple(sorted(board)) for board in ((near, behind), (0, behind), (0, 1))
+    ]
+    assert [panel.number for panel in panels] == [1, 2, 3]
+    target = scene.target + 1
+    assert [panel.words for panel in panels] == [f"{near + 1} to 1", f"{behind + 1} to 2", f"retrieve {target}"]
+    assert Panel(scene, reach).words == f"no way found to {target}"
+
+
+@pytest.mark.parametrize("layout", [Layout.grid(3, 6, 0.12), Layout.grid(10, 10, 0.12), Layout(((0.5, 0.1),), 0.12)])
+def test_a_panel_is_as_wide_as_asked_and_no_taller(layout: Layout) -> None:
+    panel = Panel(Scene(layout, (), 0), Reach(layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30))
+    pixels = panel_pixels(panel, 384, 400, {})
+    assert pixels.dtype == np.uint8
+    assert pixels.shape[1:] == (384, 3)
+    assert pixels.shape[0] <= 400
+    assert (pixels[:, [0, -1]] == 255).all()  # nothing is cut off at the sides
+
+
+def has(pixels: np.ndarray, colour: object) -> bool:
+    """Whether a colour is there, edges aside."""
+    return bool((np.abs(pixels - 255 * np.array(to_rgb(colour))) <= 1).all(-1).sum() > 50)
+
+
+def test_a_panel_shows_its_objects_in_the_colours_given() -> None:
+    scene = scene_of(DRAWING)
+    reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
+    panel = Panel(scene, reach, Move(scene.obstacles[1], 0, 0.0, 0.0))
+    usual, blue = (panel_pixels(panel, 384, 400, colours) for colours in ({}, dict.fromkeys(scene.obstacles, "blue")))
+    assert has(usual, OBSTACLE)
+    assert not has(usual, "blue")
+    assert has(blue, "blue")
+    assert not has(blue, OBSTACLE)
 
 
 HEADER = "env_steps,episodes,seconds,epsilon,loss,success,target_success\n"

@@ -77,7 +77,9 @@ def test_objects_are_the_same_for_a_seed():
 @pytest.mark.parametrize(
     ("build", "field"),
     [
-        (lambda: replace(preset("arm/panda_slim"), name="jaco"), "arm.name"),
+        (lambda: replace(preset("arm/panda_slim"), model="jaco"), "arm.model"),
+        (lambda: replace(preset("arm/panda_slim"), n_sectors=1), "arm.n_sectors"),
+        (lambda: preset("arm/panda_slim", lane_margin_m=-0.1), "arm.lane_margin_m"),
         (lambda: replace(preset("arm/panda_slim"), tilt_deg=math.nan), "arm.tilt_deg"),
         (lambda: replace(preset("arm/panda_slim"), lift_m=0.0), "arm.lift_m"),
         (lambda: replace(preset("objects/mixed"), shapes="sphere"), "objects.shapes"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 
 from dore.sim.config import Body
-from dore.sim.description import TOOL_LINK
 from dore.sim.frames import Array, hand_pose
 from dore.sim.kinematics import ArmKinematics
 
@@ -20,11 +18,6 @@ TABLE_OVERHANG_M = 0.03
 _GRASP_MARGIN_M = 0.001
 _TABLE_MARGIN_M = 0.005
 _BOTTOM_GAP_M = 0.004
-_PARTS = {
-    "panda_link3": "upper arm", "panda_link4": "elbow", "panda_link5": "forearm", "panda_link6": "wrist",
-    "panda_link7": "wrist", "panda_hand": "hand", "panda_leftfinger": "left finger",
-    "panda_rightfinger": "right finger", "carried": "carried object", "table": "table",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -57,12 +50,8 @@ class CollisionChecker:
         self._kin, self._bodies = kinematics, tuple(bodies)
         self._drop = kinematics.arm.base_drop_m
         self._model, self._scene = kinematics.model, kinematics.geometry.copy()
-        self._tool = self._model.getFrameId(TOOL_LINK)
+        self._tool = self._model.getFrameId(kinematics.arm.model.tool_link)
         self._robot = list(range(self._scene.ngeoms))
-        for item in self._scene.geometryObjects:
-            if isinstance(item.geometry, coal.BVHModelBase):
-                item.geometry.buildConvexHull(True, "Qt")  # as SAPIEN does with the same meshes
-                item.geometry = item.geometry.convex
         box = pin.SE3(np.eye(3), np.array([table_front_x + 0.5, 0.0, self._drop - 0.02]))
         self._table = self._fixed("table", coal.Box(1.0, 2.0, 0.04), box)
         self._standing = [self._fixed(f"object{i}", _solid(b), pin.SE3.Identity()) for i, b in enumerate(bodies)]
@@ -74,7 +63,7 @@ class CollisionChecker:
     def first_contact(
         self, path: Array, standing: dict[int, Standing], held: int | None = None, reached_for: int | None = None
     ) -> Contact | None:
-        """What the arm meets first on a joint path Float64[N, 7], or None: the path is free.
+        """What the arm meets first on a joint path Float64[N, J], or None: the path is free.
 
         standing: where each object on the table stands.
         held: the object in the hand, upright, where `grasp` last said.
@@ -86,6 +75,18 @@ class CollisionChecker:
             if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, True):
                 return self._name_contact()
         return None
+
+    def touched(
+        self, path: Array, standing: dict[int, Standing], held: int | None = None, reached_for: int | None = None
+    ) -> set[int]:
+        """All objects that the arm, or what it holds, meets on a joint path Float64[N, J]; arguments as above."""
+        self._place(standing)
+        self._activate(set(standing), held, reached_for)
+        found: set[int] = set()
+        for joints in path:
+            if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, False):
+                found |= {self._standing.index(b) for _, b in self._hits() if b in self._standing}
+        return found
 
     def _fixed(self, name: str, shape: coal.CollisionGeometry, where: pin.SE3) -> int:
         return self._scene.addGeometryObject(pin.GeometryObject(name, 0, 0, where, shape))
@@ -112,8 +113,9 @@ class CollisionChecker:
     def _pair_up(self) -> None:
         """All pairs that may ever be asked about; `_activate` chooses among them."""
         pairs = [(a, b) for a in self._robot for b in (self._table, *self._standing)]
-        links = {i: self._scene.geometryObjects[i].name for i in self._robot}
-        arm_only = [i for i, name in links.items() if re.match(r"panda_link[0-5]", name)]
+        # The last two links are the wrist that holds it.
+        last = self._model.njoints - 1
+        arm_only = [i for i in self._robot if self._scene.geometryObjects[i].parentJoint <= last - 2]
         for i, carried in enumerate(self._carried):
             pairs += [(carried, other) for other in self._standing if other != self._standing[i]]
             pairs += [(carried, part) for part in (*arm_only, self._table)]
@@ -150,16 +152,22 @@ class CollisionChecker:
             return 0.0 if a in self._carried else _TABLE_MARGIN_M
         return self._kin.arm.clearance_m if b in self._standing else 0.0
 
+    def _hits(self) -> list[tuple[int, int]]:
+        """The pairs that the last check found in contact."""
+        active, results = self._data.activeCollisionPairs, self._data.collisionResults
+        return [p for k, p in enumerate(self._pairs) if active[k] and results[k].isCollision()]
+
     def _name_contact(self) -> Contact:
-        hits = [p for k, p in enumerate(self._pairs) if self._data.collisionResults[k].isCollision()]
-        a, b = hits[0]
+        a, b = self._hits()[0]
         body = self._standing.index(b) if b in self._standing else None
         return Contact(self._words(a), self._words(b), body)
 
     def _words(self, index: int) -> str:
-        name = self._scene.geometryObjects[index].name
-        stem = re.sub(r"_\d+$", "", name) if name.startswith("panda") else name.rstrip("0123456789")
-        return _PARTS.get(stem, stem)
+        item = self._scene.geometryObjects[index]
+        if index in self._robot:
+            link = self._model.frames[item.parentFrame].name
+            return self._kin.arm.model.parts.get(link, link)
+        return "carried object" if index in self._carried else str(item.name)
 
 
 def _solid(body: Body) -> coal.CollisionGeometry:

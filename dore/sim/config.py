@@ -7,24 +7,28 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
+from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
-from dore.errors import InputError, flag, number, whole
+from dore.errors import InputError, flag, number, path_of, whole
 from dore.paths import conf_dir
+from dore.sim.model import ArmModel
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]
 
 
 @dataclass(frozen=True)
 class ArmConfig:
-    """How the Panda with a slim hand stands and moves. The values are explained in conf/arm/panda_slim.yaml.
+    """Which arm it is, how it stands and how it moves. The values are explained in conf/arm/.
+
+    model: what the arm is. urdf: path of its description, where the user has to give it.
 
     Raises:
         InputError: a value that is not finite, or outside what the arm can mean.
     """
 
-    name: str
+    model: ArmModel
     base_drop_m: float
     tilt_deg: float
     grasp_height_m: float
@@ -32,25 +36,39 @@ class ArmConfig:
     staging_m: float
     lateral_limit_m: float
     heading_limit_deg: float
+    half_fan_deg: float
+    n_sectors: int
+    lane_margin_m: float
     hand_speed_m_s: float
     lift_speed_m_s: float
     joint_speed: float
     joint_acceleration: float
     clearance_m: float
     pushed_m: float
+    urdf: str | None = None
 
     def __post_init__(self) -> None:
-        if self.name != "panda_slim":
-            raise InputError(f"arm.name: got {self.name!r}, want panda_slim")
+        if not isinstance(self.model, ArmModel):
+            raise InputError(f"arm.model: got {self.model!r}, want a model, as in conf/arm")
+        if self.urdf is not None:
+            path_of("arm.urdf", self.urdf)
         number("arm.base_drop_m", self.base_drop_m, above=-1.0, at_most=1.0)
         number("arm.tilt_deg", self.tilt_deg, above=-1.0, at_most=80.0)
         number("arm.heading_limit_deg", self.heading_limit_deg, above=0.0, at_most=89.0)
+        number("arm.half_fan_deg", self.half_fan_deg, above=0.0, at_most=180.0)
+        whole("arm.n_sectors", self.n_sectors, 2)
+        number("arm.lane_margin_m", self.lane_margin_m, above=-1e-9, at_most=1.0)
         number("arm.joint_speed", self.joint_speed, above=0.0, at_most=1.0)
         number("arm.joint_acceleration", self.joint_acceleration, above=0.0, at_most=1.0)
         number("arm.clearance_m", self.clearance_m, above=-1e-9, at_most=0.1)
         lengths = ("grasp_height_m", "lift_m", "staging_m", "lateral_limit_m", "pushed_m")
         for name in (*lengths, "hand_speed_m_s", "lift_speed_m_s"):
             number(f"arm.{name}", getattr(self, name), above=0.0, at_most=2.0)
+
+    @property
+    def name(self) -> str:
+        """The model's."""
+        return self.model.name
 
     @property
     def tilt_rad(self) -> float:
@@ -95,6 +113,16 @@ class ObjectConfig:
             if not 0 < low <= high <= 1:
                 raise InputError(f"objects.{name}: got [{low:g}, {high:g}], want 0 < low <= high <= 1")
 
+    @property
+    def widest(self) -> Body:
+        """A can as wide as the largest object however that is turned, and as tall as the tallest."""
+        kinds = {
+            "cuboid": Body("cuboid", self.cuboid_half_width_m[1], self.height_m[1]),
+            "cylinder": Body("cylinder", self.can_radius_m[1], self.height_m[1]),
+        }
+        drawn = kinds.values() if self.shapes == "mixed" else (kinds[self.shapes],)
+        return Body("cylinder", max(body.radius_m for body in drawn), self.height_m[1])
+
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Body, ...]:
         """`count` bodies, of both shapes in turn where `shapes` is mixed; the same generator state, the same ones."""
         return tuple(self._one(index, rng) for index in range(count))
@@ -136,9 +164,20 @@ class CameraConfig:
             raise InputError(f"camera.eye_m: got {list(self.eye_m)}, the same as camera.look_at_m; want another point")
 
 
-def preset(name: str) -> Any:
-    """What conf/`name`.yaml describes, as `arm/panda_slim`: the one place where default values stand."""
-    return instantiate(OmegaConf.load(conf_dir() / f"{name}.yaml"), _convert_="all")
+def preset(name: str, **given: Any) -> Any:
+    """What conf/`name`.yaml describes, as `arm/panda_slim`: the one place where default values stand.
+
+    given: keys with other values.
+
+    Raises:
+        InputError: such a value is refused.
+    """
+    try:
+        return instantiate(OmegaConf.load(conf_dir() / f"{name}.yaml"), _convert_="all", **given)
+    except InstantiationException as error:
+        if isinstance(error.__cause__, InputError):
+            raise error.__cause__ from None
+        raise
 
 
 def _numbers(name: str, values: object, wanted: tuple[str, ...]) -> list[float]:

@@ -1,83 +1,63 @@
-"""The slim-handed Panda's URDF, made from ManiSkill's own Panda and kept in the user's cache. No heavy imports."""
+"""An arm's URDF, checked and kept in the user's cache, where the simulator and the kinematics read it."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
 import re
 import tempfile
 from functools import cache
 from pathlib import Path
+from xml.etree import ElementTree
 
-from dore.errors import atomic_write
+from dore.errors import InputError, atomic_write
+from dore.sim.config import ArmConfig, preset
 
-ARM_JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
-TOOL_LINK = "panda_hand_tcp"
 FINGER_OPEN_M = 0.04
-"""How far each finger opens from the middle, metres."""
-HAND_HALF_WIDTH_M = FINGER_OPEN_M + 0.012
-"""Half the width of the open hand: finger travel and pad thickness, metres; the palm is 2 mm narrower."""
-
-# The stock hand is 20 cm wide and cannot pass between neighbours of 12 cm cells. This one has a 10 cm palm and
-# plain 12 mm fingers, 3 cm longer, so that the tilted palm clears the top of what it grasps. It is no product.
-_PALM = (
-    ("box", "0 0 0.046", "0.056 0.100 0.034", "0.22 0.23 0.26 1"),
-    ("cylinder", "0 0 0.015", "0.036 0.03", "0.9 0.9 0.9 1"),
-)
-_FINGER_SIZE, _FINGER_COLOUR = "0.022 0.012 0.090", "0.12 0.12 0.13 1"
-_STOCK_TOOL, _SLIM_TOOL = 'xyz="0 0 0.1034"', 'xyz="0 0 0.1334"'
+"""How far each finger of the Pandas opens from the middle, metres."""
 
 
-def _panda_folder() -> Path:
-    """Where the installed ManiSkill keeps its Panda; found without importing it."""
-    spec = importlib.util.find_spec("mani_skill")
-    if spec is None or spec.origin is None:
-        raise ModuleNotFoundError("mani_skill is not installed; the simulated arm needs it: pip install mani-skill")
-    return Path(spec.origin).parent / "assets" / "robots" / "panda"
+def arm_files(visuals: bool, arm: ArmConfig | None = None) -> Path:
+    """The URDF file of an arm, written if it is not there; its SRDF, where it has one, lies beside it.
 
-
-def _shape(tag: str, kind: str, xyz: str, size: str, colour: str) -> str:
-    if kind == "box":
-        geometry = f'<box size="{size}"/>'
-    else:
-        radius, length = size.split()
-        geometry = f'<cylinder radius="{radius}" length="{length}"/>'
-    name = colour.replace(" ", "_")
-    material = f'<material name="c{name}"><color rgba="{colour}"/></material>' if tag == "visual" else ""
-    return f'<{tag}><origin rpy="0 0 0" xyz="{xyz}"/><geometry>{geometry}</geometry>{material}</{tag}>'
-
-
-def _inertial(xyz: str, mass: str, xx: str, yy: str, zz: str) -> str:
-    inertia = f'<inertia ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"/>'
-    return f'<inertial><origin rpy="0 0 0" xyz="{xyz}"/><mass value="{mass}"/>{inertia}</inertial>'
-
-
-def _replace_link(urdf: str, name: str, body: str) -> str:
-    new, count = re.subn(rf'<link name="{name}">.*?</link>', f'<link name="{name}">{body}</link>', urdf, flags=re.S)
-    if count != 1:
-        raise RuntimeError(f"the installed ManiSkill's panda_v2.urdf has {count} links {name}, want 1")
-    return new
-
-
-def slim_urdf(stock: str, meshes_under: Path) -> str:
-    """The slim-handed arm's URDF text, from the stock one's; mesh paths become absolute below `meshes_under`.
+    arm: None: the Panda with the slim hand.
+    visuals: False leaves out everything that is only seen: SAPIEN builds a RenderMaterial for each, which fails
+        where nothing can render.
 
     Raises:
-        RuntimeError: the stock text lacks what is to be replaced (another ManiSkill).
+        InputError: `arm.urdf` is missing, unreadable or of another arm.
+        ModuleNotFoundError, RuntimeError: ManiSkill, whose Panda is wanted, is not installed, or is another one.
     """
-    palm = "".join(_shape(tag, *part) for tag in ("visual", "collision") for part in _PALM)
-    urdf = _replace_link(stock, "panda_hand", palm + _inertial("0 0 0.03", "0.6", "0.001", "0.0015", "0.001"))
-    for side, y in (("left", 0.006), ("right", -0.006)):
-        finger = "".join(
-            _shape(tag, "box", f"0 {y} 0.041", _FINGER_SIZE, _FINGER_COLOUR) for tag in ("visual", "collision")
+    arm = arm or preset("arm/panda_slim")
+    description = arm.model.describe(arm.urdf)
+    urdf, srdf = description.urdf, description.srdf
+    _check(urdf, arm)
+    if not visuals:
+        urdf = re.sub(r"<visual\b.*?</visual>", "", urdf, flags=re.S)
+    # Named by content: two environments, or a newer description, never read each other's file.
+    home = _cache_folder() / hashlib.sha256((urdf + (srdf or "")).encode()).hexdigest()[:16]
+    home.mkdir(exist_ok=True)
+    name = arm.model.name
+    for suffix, text in ((".srdf", srdf), (".urdf", urdf)):
+        if text is not None and not (home / f"{name}{suffix}").exists():
+            with atomic_write(home / f"{name}{suffix}") as file:
+                file.write(text)
+    return home / f"{name}.urdf"
+
+
+def _check(urdf: str, arm: ArmConfig) -> None:
+    """Refuse a description that lacks a joint or link that the arm's model names."""
+    root, model = ElementTree.fromstring(urdf), arm.model
+    joints = {joint.get("name") for joint in root.findall("joint")}
+    links = {link.get("name") for link in root.findall("link")}
+    wanted_links = {model.tool_link, *model.hand_links, *model.jaws[0], *model.jaws[1]}
+    missing = sorted({*model.joints, *model.fingers} - joints) + sorted(wanted_links - links)
+    if missing:
+        more = f" and {len(missing) - 2} more" if len(missing) > 2 else ""
+        raise InputError(
+            f"arm.urdf: {arm.urdf}: no joint or link {', '.join(missing[:2])}{more}; want the description of the arm "
+            f"that arm={model.name} names"
         )
-        finger += _inertial("0 0 0.02", "0.03", "1e-5", "1e-5", "1e-6")
-        urdf = _replace_link(urdf, f"panda_{side}finger", finger)
-    if _STOCK_TOOL not in urdf:
-        raise RuntimeError("the installed ManiSkill's panda_v2.urdf has no tool frame at 0.1034 m")
-    urdf = urdf.replace(_STOCK_TOOL, _SLIM_TOOL)
-    return urdf.replace('filename="franka_description', f'filename="{meshes_under.as_posix()}/franka_description')
 
 
 def _cache_folder() -> Path:
@@ -94,28 +74,3 @@ def _cache_folder() -> Path:
 @cache
 def _temporary_folder() -> Path:
     return Path(tempfile.mkdtemp(prefix="dore-"))
-
-
-def arm_files(visuals: bool) -> Path:
-    """The URDF file of the slim-handed arm, written if it is not there; its SRDF lies beside it.
-
-    visuals: False leaves out everything that is only seen: SAPIEN builds a RenderMaterial for each, which fails
-        where nothing can render.
-
-    Raises:
-        ModuleNotFoundError: ManiSkill is not installed.
-        RuntimeError: its Panda is not the one that this was written for.
-    """
-    folder = _panda_folder()
-    urdf = slim_urdf((folder / "panda_v2.urdf").read_text(), folder)
-    if not visuals:
-        urdf = re.sub(r"<visual>.*?</visual>", "", urdf, flags=re.S)
-    srdf = (folder / "panda_v2.srdf").read_text()
-    # Named by content: two environments, or a newer ManiSkill, never read each other's file.
-    home = _cache_folder() / hashlib.sha256((urdf + srdf).encode()).hexdigest()[:16]
-    home.mkdir(exist_ok=True)
-    for name, text in (("panda_slim.srdf", srdf), ("panda_slim.urdf", urdf)):
-        if not (home / name).exists():
-            with atomic_write(home / name) as file:
-                file.write(text)
-    return home / "panda_slim.urdf"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 
 from dore.sim.config import ArmConfig
-from dore.sim.description import ARM_JOINTS, FINGER_OPEN_M, TOOL_LINK
 from dore.sim.frames import Array, hand_pose, straight
 
 POSITION_TOLERANCE_M = 2e-4
@@ -20,12 +20,6 @@ WAYPOINT_RAD = np.radians(2.0)
 LARGEST_STEP_RAD = 0.25
 """More than this between two neighbouring waypoints is a jump to another branch."""
 
-# Elbow up, hand ahead: the branch that the search for the ready posture starts on.
-_READY_SEED = np.array([0.0, -0.8, 0.0, -2.6, 0.0, 2.7, 0.785])
-# Joint 3 stays at zero, so the elbow stays in the vertical plane through the wrist and the joints of a pose are
-# unique. Drawing all joints to a home posture instead jumps between two elbows, or twists the elbow aside.
-_FREE = np.array([0, 1, 3, 4, 5, 6])
-
 
 class Unreachable(Exception):
     """The arm cannot take a pose on its branch; the message says where (world frame) and why."""
@@ -33,7 +27,7 @@ class Unreachable(Exception):
 
 @dataclass(frozen=True)
 class Reached:
-    """Where the arm is: joints Float64[7] (radians), hand point Float64[3] (metres), heading (radians)."""
+    """Where the arm is: joints Float64[J] (radians), hand point Float64[3] (metres), heading (radians)."""
 
     joints: Array
     xyz: Array
@@ -41,31 +35,48 @@ class Reached:
 
 
 class ArmKinematics:
-    """Forward and inverse kinematics of the slim-handed Panda on its pedestal.
+    """Forward and inverse kinematics of an arm on its pedestal, its fingers open; J joints.
 
     World frame: z = 0 is the table top; the base stands `base_drop_m` below it, at the origin.
 
     Args:
         urdf: the arm's description (`description.arm_files`).
-        arm: how it stands and how its hand is tilted.
+        arm: what it is, how it stands and how its hand is tilted.
     """
 
     def __init__(self, urdf: Path, arm: ArmConfig) -> None:
         self.arm = arm
         full = pin.buildModelFromUrdf(str(urdf))
-        fingers = [i for i in range(1, full.njoints) if full.names[i] not in ARM_JOINTS]
+        others = [i for i in range(1, full.njoints) if full.names[i] not in arm.model.joints]
         neutral = pin.neutral(full)
-        for joint in fingers:
-            neutral[full.joints[joint].idx_q] = FINGER_OPEN_M
+        for joint in others:
+            neutral[full.joints[joint].idx_q] = arm.model.fingers[full.names[joint]][0]
         geometry = pin.buildGeomFromUrdf(full, str(urdf), pin.GeometryType.COLLISION)
-        self.model, self.geometry = pin.buildReducedModel(full, geometry, fingers, neutral)
+        self.model, self.geometry = pin.buildReducedModel(full, geometry, others, neutral)
+        for item in self.geometry.geometryObjects:
+            if isinstance(item.geometry, coal.BVHModelBase):
+                item.geometry.buildConvexHull(True, "Qt")  # as SAPIEN does with the same meshes
+                item.geometry = item.geometry.convex
         self.data = self.model.createData()
-        self._tool = self.model.getFrameId(TOOL_LINK)
+        self._tool = self.model.getFrameId(arm.model.tool_link)
+        self._free = np.array([i for i, name in enumerate(arm.model.joints) if name not in arm.model.held_joints])
         self.lower, self.upper = self.model.lowerPositionLimit, self.model.upperPositionLimit
 
     @property
+    def hand_half_width_m(self) -> float:
+        """How far the open hand stands out to either side of the grasp point, seen along its heading, metres."""
+        grasp = self.model.frames[self._tool].placement
+        reach = 0.0
+        for item in self.geometry.geometryObjects:
+            if self.model.frames[item.parentFrame].name in self.arm.model.hand_links:
+                corners = _corners(item.geometry) * item.meshScale
+                across = (grasp.inverse() * item.placement).homogeneous[1]
+                reach = max(reach, float(np.abs(corners @ across[:3] + across[3]).max()))
+        return reach
+
+    @property
     def speed_limit(self) -> Array:
-        """Float64[7]: the joints' speed limits from the URDF, rad/s."""
+        """Float64[J]: the joints' speed limits from the URDF, rad/s."""
         return np.asarray(self.model.velocityLimit)
 
     def ready(self, staging_x: float) -> Reached:
@@ -75,20 +86,25 @@ class ArmKinematics:
             Unreachable: there is none.
         """
         xyz = np.array([staging_x, 0.0, self.arm.grasp_height_m])
-        return Reached(self.solve(xyz, 0.0, _READY_SEED, tries=200), xyz, 0.0)
+        return Reached(self.solve(xyz, 0.0, np.array(self.arm.model.ready_seed), tries=200), xyz, 0.0)
 
     def tool(self, joints: Array) -> Array:
-        """Float64[4, 4]: the tool frame in the world, for joints Float64[7]."""
+        """Float64[4, 4]: the tool frame in the world, for joints Float64[J]."""
         pin.framesForwardKinematics(self.model, self.data, joints)
         pose = self.data.oMf[self._tool].homogeneous.copy()
         pose[2, 3] -= self.arm.base_drop_m
         return pose
 
-    def solve(self, xyz: Array, heading_rad: float, start: Array, tries: int = 60) -> Array:
-        """Float64[7]: joints that put the tool at a point of the world with a heading and the arm's tilt.
+    def reached(self, joints: Array) -> Reached:
+        """Where the hand is for joints Float64[J]."""
+        pose = self.tool(joints)
+        return Reached(joints, pose[:3, 3], float(np.arctan2(pose[1, 2], pose[0, 2])))
 
-        Damped least squares from `start` with joint 3 held at zero: the answer depends on the pose and the branch,
-        and not on the way there.
+    def solve(self, xyz: Array, heading_rad: float, start: Array, tries: int = 60) -> Array:
+        """Float64[J]: joints that put the tool at a point of the world with a heading and the arm's tilt.
+
+        Damped least squares from `start` with as many free joints as a pose has: the answer depends on the pose and
+        the branch, and not on the way there.
 
         Raises:
             Unreachable: not reached within `tries` steps and the joint limits.
@@ -103,13 +119,13 @@ class ArmKinematics:
                 return joints
             step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-5 * np.eye(6), error)
             step *= min(1.0, 0.3 / max(float(np.abs(step).max()), 1e-9))
-            joints[_FREE] += step
+            joints[self._free] += step
             joints = np.clip(joints, self.lower, self.upper)
         where = f"({xyz[0]:.3f}, {xyz[1]:.3f}, {xyz[2]:.3f}) m heading {np.degrees(heading_rad):.1f} deg"
         raise Unreachable(f"no joint angles put the hand at {where}")
 
     def line(self, start: Reached, xyz: Array, heading_rad: float) -> tuple[Array, Reached]:
-        """Joints Float64[N, 7] along the straight line from `start` to a point, the heading turning evenly.
+        """Joints Float64[N, J] along the straight line from `start` to a point, the heading turning evenly.
 
         Raises:
             Unreachable: a point of the line cannot be reached, or only by jumping to another branch.
@@ -135,4 +151,13 @@ class ArmKinematics:
         here = pin.updateFramePlacement(self.model, self.data, self._tool)
         error = pin.log6(here.actInv(target)).vector
         jacobian = pin.getFrameJacobian(self.model, self.data, self._tool, pin.ReferenceFrame.LOCAL)
-        return error, jacobian[:, _FREE]
+        return error, jacobian[:, self._free]
+
+
+def _corners(shape: coal.CollisionGeometry) -> Array:
+    """Float64[K, 3]: points whose convex hull holds the shape."""
+    if isinstance(shape, coal.ConvexBase):
+        return np.array([shape.point(i) for i in range(shape.num_points)])
+    shape.computeLocalAABB()
+    low, high = shape.aabb_local.min_, shape.aabb_local.max_
+    return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T

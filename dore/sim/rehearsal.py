@@ -17,8 +17,6 @@ from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.outcome import Outcome
 from dore.sim.timing import timed
 
-# Franka Emika's published joint acceleration limits, rad/s^2.
-_ACCELERATION_LIMIT = np.array([15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0])
 _SET_DOWN_GAP_M = 0.001
 """How far above the table a carried object is let go, metres."""
 
@@ -46,11 +44,14 @@ class MoveTask:
     place_direction_deg: float = 0.0
 
 
-def tasks_of(scene: Scene, plan: Plan) -> tuple[MoveTask, ...]:
-    """A plan as moves of objects, the target (index 0) last; obstacles count from 1 in the scene's order."""
+def tasks_of(scene: Scene, plan: Plan, first: int = 1) -> tuple[MoveTask, ...]:
+    """A plan as moves of objects, the target (index 0) last; obstacles count from 1 in the scene's order.
+
+    first: the number of its first move.
+    """
     body_on = {cell: index for index, cell in enumerate((scene.target, *scene.obstacles))}
     tasks = []
-    for number, move in enumerate(plan.moves, 1):
+    for number, move in enumerate(plan.moves, first):
         body = body_on[move.place] = body_on.pop(move.pick)
         name = f"move {number} ({cell_id(move.pick)} to {cell_id(move.place)})"
         tasks.append(MoveTask(name, body, move.pick, move.pick_direction_deg, move.place, move.place_direction_deg))
@@ -60,7 +61,7 @@ def tasks_of(scene: Scene, plan: Plan) -> tuple[MoveTask, ...]:
 
 
 Motions = dict[str, Array]
-"""Joint commands Float64[T, 7] of each motion, by name, in order."""
+"""Joint commands Float64[T, J] of each motion, by name, in order."""
 
 
 class Rehearsal:
@@ -165,6 +166,16 @@ class Rehearsal:
         motions["leave"] = self._go("leave", start, low, heading, reached_for=body)
         return motions
 
+    def park(self, joints: Array) -> Array:
+        """Joint commands Float64[T, J] from before the grid, wherever the arm is there, to its ready posture.
+
+        Raises:
+            Refused: as `play`.
+        """
+        self._task, self._at = "park", self.kinematics.reached(joints)
+        ready = self.kinematics.ready(self.staging_x)
+        return self._go("park", ready.xyz[:2], float(ready.xyz[2]), ready.heading_rad)
+
     def _in_hand(self, seen_xy: tuple[float, float] | None) -> tuple[float, float]:
         """Where the held object's axis is seen from the tool point: along the heading and across it, metres."""
         if seen_xy is None:
@@ -205,7 +216,7 @@ class Rehearsal:
         return timed(
             np.vstack([start.joints, path]), float(np.linalg.norm(xyz - start.xyz)), self.dt,
             arm.lift_speed_m_s if motion in ("lift", "lower") else arm.hand_speed_m_s,
-            arm.joint_speed * self.kinematics.speed_limit, arm.joint_acceleration * _ACCELERATION_LIMIT,
+            arm.joint_speed * self.kinematics.speed_limit, arm.joint_acceleration * np.array(arm.model.acceleration),
         )  # fmt: skip
 
     def _name(self, body: int) -> str:

@@ -26,6 +26,7 @@ _WALLS = (
     ("wall_behind", (0.02, 6.0, 3.0), (-1.6, 0.0, 2.3)),
     ("wall_beside", (6.0, 0.02, 3.0), (2.0, 2.2, 2.3)),
 )
+_WAITING_M, _WAITING_PITCH_M = (1.5, 1.5), 0.2
 _LINE_HALF_M = 0.0015
 _FLOOR_M = 0.62
 """How far the floor lies below the table top, metres."""
@@ -43,6 +44,7 @@ def build_surroundings(scene: Any, layout: Layout, base_drop_m: float) -> None:
     across = float(np.abs([near[1], far[1]]).max()) + 0.15
     tall = (_FLOOR_M - base_drop_m) / 2
     _slab(scene, "table", [(x1 - x0) / 2, across, 0.02], [(x0 + x1) / 2, 0, -0.02], _TABLE)
+    _slab(scene, "shelf", [5.0, 0.2, 0.02], [_WAITING_M[0] + 4.8, _WAITING_M[1], -0.02], _TABLE, seen=False)
     _slab(scene, "pedestal", [0.11, 0.11, tall], [-0.02, 0, -base_drop_m - tall], _PEDESTAL)
     if not scene.can_render():
         return
@@ -53,6 +55,11 @@ def build_surroundings(scene: Any, layout: Layout, base_drop_m: float) -> None:
         leg = (_FLOOR_M - 0.04) / 2
         _slab(scene, f"leg{index}", [0.02, 0.02, leg], [x, y, -0.04 - leg], _LEG, solid=False)
     _draw_cells(scene, centres, half)
+
+
+def waiting_xy(index: int) -> tuple[float, float]:
+    """Where an object waits beside the table until it is put on it, metres; on a shelf that is not seen."""
+    return _WAITING_M[0] + _WAITING_PITCH_M * index, _WAITING_M[1]
 
 
 def build_object(scene: Any, body: Body, index: int, density_kg_m3: float) -> Any:
@@ -71,7 +78,7 @@ def build_object(scene: Any, body: Body, index: int, density_kg_m3: float) -> An
         builder.add_box_collision(half_size=half_size, density=density_kg_m3)
         if material is not None:
             builder.add_box_visual(half_size=half_size, material=material)
-    builder.initial_pose = sapien.Pose(p=[1.5 + 0.2 * index, 1.5, half_height])
+    builder.initial_pose = sapien.Pose(p=[*waiting_xy(index), half_height])
     return builder.build(name="target" if index == 0 else f"obstacle{index}")
 
 
@@ -83,12 +90,13 @@ def _material(scene: Any, colour: Colour) -> Any:
 
 
 def _slab(
-    scene: Any, name: str, half: Sequence[float], centre: Sequence[float], colour: Colour, solid: bool = True
-) -> None:
+    scene: Any, name: str, half: Sequence[float], centre: Sequence[float], colour: Colour, *,
+    solid: bool = True, seen: bool = True,
+) -> None:  # fmt: skip
     builder = scene.create_actor_builder()
     if solid:
         builder.add_box_collision(half_size=half)
-    if scene.can_render():
+    if seen and scene.can_render():
         builder.add_box_visual(half_size=half, material=_material(scene, colour))
     builder.initial_pose = sapien.Pose(p=centre)
     builder.build_static(name=name)

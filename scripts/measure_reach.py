@@ -1,0 +1,176 @@
+"""What the arm can follow, lane by lane, against what its reach lets the planners ask for.
+
+Every (cell, sector): there and back by inverse kinematics on the arm's branch, empty at grasp height and loaded above
+it, without touching the table, itself or the object in the cell, nor anything on the way along the staging line.
+Every (cell, sector, other cell): whether an object there is touched by the empty hand going in, or by the arm with an
+object coming out. All objects are cans as wide as the widest that is ever drawn, however it is turned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from omegaconf import OmegaConf
+from torch import Tensor
+
+from dore.board import unpack
+from dore.layout import Layout
+from dore.reach import Reach
+from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker, Contact, Standing
+from dore.sim.config import ArmConfig, ObjectConfig, preset
+from dore.sim.description import arm_files
+from dore.sim.frames import Array
+from dore.sim.kinematics import ArmKinematics, Unreachable
+from dore.sim.lanes import arm_reach, follow_lane
+
+
+@dataclass(frozen=True)
+class Found:
+    """One lane. why: what hinders the arm, empty where it follows. empty, loaded: the cells whose objects it touches
+    going in, and coming out; none are looked for where it does not follow."""
+
+    why: str
+    empty: frozenset[int] = frozenset()
+    loaded: frozenset[int] = frozenset()
+
+    @property
+    def followed(self) -> bool:
+        """The arm follows the lane when nothing else stands on the table."""
+        return not self.why
+
+
+class Surveyor:
+    """Measures lanes of one arm, its objects and a layout.
+
+    Raises:
+        Unreachable: the arm cannot reach the middle of the staging line.
+    """
+
+    def __init__(self, arm: ArmConfig, objects: ObjectConfig, layout: Layout) -> None:
+        self.layout = layout
+        self.kinematics = ArmKinematics(arm_files(visuals=False, arm=arm), arm)
+        self.reach = arm_reach(arm, objects, layout, self.kinematics)
+        everywhere = [objects.widest] * layout.n_cells
+        self._checker = CollisionChecker(self.kinematics, everywhere, layout.front_m - TABLE_OVERHANG_M)
+        self._all = {cell: Standing(xy) for cell, xy in enumerate(layout.cells)}
+        self._ready = self.kinematics.ready(layout.front_m - arm.staging_m)
+
+    def lane(self, cell: int, sector: int, others: bool = True) -> Found:
+        """One lane, the objects on other cells too if `others`."""
+        direction = float(self.reach.sectors_deg[sector])
+        try:
+            along, into, out = follow_lane(self.kinematics, self._ready, self.layout.cells[cell], direction)
+        except (Unreachable, ValueError) as error:
+            return Found(str(error))
+        contact = self._alone(cell, along, into, out)
+        if contact is not None:
+            return Found(f"the {contact.part} would touch the {contact.other}")
+        if not others:
+            return Found("")
+        rest = {other: standing for other, standing in self._all.items() if other != cell}
+        return Found(
+            "",
+            empty=frozenset(self._checker.touched(into, rest)),
+            loaded=frozenset(self._checker.touched(out, rest, held=cell)),
+        )
+
+    def _alone(self, cell: int, along: Array, into: Array, out: Array) -> Contact | None:
+        check = self._checker.first_contact
+        return (
+            check(along, self._all, reached_for=cell)
+            or check(into, {cell: self._all[cell]}, reached_for=cell)
+            or check(out, {}, held=cell)
+        )
+
+
+@dataclass(frozen=True)
+class Survey:
+    """All lanes of a layout. followed: Bool[G, S]; empty, loaded: Bool[G, S, G], the cells whose objects are touched;
+    why: per lane, what hinders the arm."""
+
+    reach: Reach
+    followed: Tensor
+    empty: Tensor
+    loaded: Tensor
+    why: dict[tuple[int, int], str]
+
+    @property
+    def touched(self) -> Tensor:
+        """Bool[G, S, G]: by the empty hand, or by the loaded one."""
+        return self.empty | self.loaded
+
+    @property
+    def blocking(self) -> Tensor:
+        """Bool[G, S, G]: which cells the rule wants empty."""
+        return unpack(self.reach.blockers, self.reach.n_cells)
+
+    @property
+    def not_followed(self) -> Tensor:
+        """Bool[G, S]: allowed, and yet the arm cannot; each one is a bug."""
+        return self.reach.lanes & ~self.followed
+
+    @property
+    def not_blocked(self) -> Tensor:
+        """Bool[G, S, G]: touched on an allowed lane, and yet the rule lets an object stand there; each one is a bug."""
+        return self.touched & ~self.blocking & self.reach.lanes[..., None]
+
+    def off_lane_m(self) -> Tensor:
+        """Float64[G, S, G]: how far a cell's middle lies from a lane's straight line, inf where it lies behind its end:
+        the clearance that just covers it."""
+        centre = self.reach.layout.centres
+        offset = centre[None] - centre[:, None]
+        lane = torch.atan2(-centre[:, 1], -centre[:, 0])[:, None] + self.reach.sectors_deg.deg2rad()
+        along = offset[:, None, :, 0] * lane.cos()[..., None] + offset[:, None, :, 1] * lane.sin()[..., None]
+        across = offset[:, None, :, 1] * lane.cos()[..., None] - offset[:, None, :, 0] * lane.sin()[..., None]
+        return torch.where(along >= -1e-9, across.abs(), torch.inf)
+
+
+def survey(surveyor: Surveyor, lanes: Iterable[tuple[int, int]]) -> Survey:
+    """The lanes (cell, sector) measured; all others count as not followed."""
+    reach, n_cells = surveyor.reach, surveyor.reach.n_cells
+    followed = torch.zeros(n_cells, reach.n_sectors, dtype=torch.bool)
+    empty, loaded = (torch.zeros(n_cells, reach.n_sectors, n_cells, dtype=torch.bool) for _ in range(2))
+    why = {}
+    for cell, sector in lanes:
+        found = surveyor.lane(cell, sector)
+        followed[cell, sector], why[cell, sector] = found.followed, found.why
+        empty[cell, sector, sorted(found.empty)] = True
+        loaded[cell, sector, sorted(found.loaded)] = True
+    return Survey(reach, followed, empty, loaded, why)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, write REPORT.{md,csv,png}; 1 where a lane is allowed that the arm cannot follow, or that touches."""
+    from scripts.measure_reach_report import write_report
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--arm", default="panda_slim")
+    parser.add_argument("--objects", default="mixed")
+    parser.add_argument("--rows", type=int, default=3)
+    parser.add_argument("--cols", type=int, default=6)
+    parser.add_argument("--cell-m", type=float, default=0.12)
+    parser.add_argument("--front-m", type=float, default=0.5)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the arm: urdf=PATH, ...")
+    parser.add_argument("--report", type=Path, required=True)
+    parser.add_argument("--command", default="scripts/measure_reach.py", help="what the page says made it")
+    chosen = parser.parse_args(arguments)
+    arm = preset(f"arm/{chosen.arm}", **OmegaConf.from_dotlist(chosen.set))
+    layout = Layout.grid(chosen.rows, chosen.cols, chosen.cell_m, chosen.front_m)
+    surveyor = Surveyor(arm, preset(f"objects/{chosen.objects}"), layout)
+    started = time.perf_counter()
+    found = survey(surveyor, torch.cartesian_prod(*map(torch.arange, surveyor.reach.lanes.shape)).tolist())
+    seconds = time.perf_counter() - started
+    write_report(
+        chosen.report, found, arm, surveyor.kinematics.hand_half_width_m, chosen.objects, seconds, chosen.command
+    )
+    return int(bool(found.not_followed.any() or found.not_blocked.any()))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

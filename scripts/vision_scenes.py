@@ -1,0 +1,145 @@
+"""Random scenes for the camera, and how far what it says is from the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import sapien
+
+import dore.sim.task  # noqa: F401  (registers the environment)
+from dore.layout import Layout
+from dore.plan import Scene
+from dore.sim.arm import render_backend
+from dore.sim.config import Body, preset
+from dore.sim.eye_config import EyeConfig
+from dore.sim.frames import Array
+from dore.sim.understanding import NotUnderstood, Sighting, Why, cell_of, scene_of
+
+OBSTACLES = (3, 10)
+JITTER_M = 0.01
+_FOUND_WITHIN_M = 0.03
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What stands where, the target first: cells from 0, offsets Float64[N, 2] in metres, yaws Float64[N]."""
+
+    layout: Layout
+    bodies: tuple[Body, ...]
+    cells: tuple[int, ...]
+    offsets_m: Array
+    yaws_rad: Array
+
+    @property
+    def scene(self) -> Scene:
+        """What the camera should say."""
+        return Scene(self.layout, tuple(sorted(self.cells[1:])), self.cells[0])
+
+    @property
+    def xy(self) -> Array:
+        """Float64[N, 2]: where each object stands, metres."""
+        return np.asarray(self.layout.centres.numpy()[list(self.cells)] + self.offsets_m)
+
+
+def random_setup(layout: Layout, rng: np.random.Generator, most: int = OBSTACLES[1]) -> Setup:
+    """Objects in random cells, up to a centimetre from the middle, turned at random; the target of either shape."""
+    count = 1 + int(rng.integers(OBSTACLES[0], most + 1))
+    first = int(rng.integers(2))
+    bodies = preset("objects/mixed").draw(count + 1, rng)[first : first + count]
+    angle, radius = rng.uniform(0, math.tau, count), JITTER_M * np.sqrt(rng.uniform(0, 1, count))
+    offsets = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    cells = tuple(map(int, rng.permutation(layout.n_cells)[:count]))
+    return Setup(layout, bodies, cells, offsets, rng.uniform(0, math.pi / 2, count))
+
+
+@contextmanager
+def standing(setup: Setup, eye: EyeConfig) -> Iterator[Any]:
+    """The environment with a setup in it and the arm ready."""
+    env = gym.make(
+        "DoreTabletop-v1", layout=setup.layout, bodies=setup.bodies, eye=eye, obs_mode="none", reward_mode="none",
+        control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=render_backend(),
+    )  # fmt: skip
+    try:
+        env.reset(seed=0, options={"cells": setup.cells, "offsets_m": setup.offsets_m, "yaws_rad": setup.yaws_rad})
+        yield env
+    finally:
+        env.close()
+
+
+def lay_down(env: Any, setup: Setup, rng: np.random.Generator) -> bool:
+    """Lay one object down in the middle of where it stands, where it touches no other; False if none has room."""
+    for body in rng.permutation(len(setup.bodies)).tolist():
+        yaw = float(rng.uniform(0, math.pi))
+        half, along = setup.bodies[body].height_m / 2, np.array([math.cos(yaw), math.sin(yaw)])
+        offset = np.delete(setup.xy, body, axis=0) - setup.xy[body]
+        beside = offset - np.clip(offset @ along, -half, half)[:, None] * along
+        room = setup.bodies[body].radius_m + max(one.radius_m for one in setup.bodies) + 0.01
+        if np.linalg.norm(beside, axis=1).min() < room:
+            continue
+        tilt = np.array([math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0])
+        turn = sapien.Pose(q=[math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)])
+        at = sapien.Pose(p=[*setup.xy[body], setup.bodies[body].half_width_m])
+        env.unwrapped.objects[body].set_pose(at * turn * sapien.Pose(q=tilt))
+        return True
+    return False
+
+
+@dataclass
+class Score:
+    """Counts and errors over scenes; lengths in millimetres, angles in degrees."""
+
+    scenes: int = 0
+    exact: int = 0
+    target: int = 0
+    objects: int = 0
+    cells: int = 0
+    upright: int = 0
+    shape: int = 0
+    centre_mm: list[float] = field(default_factory=list)
+    height_mm: list[float] = field(default_factory=list)
+    width_mm: list[float] = field(default_factory=list)
+    yaw_deg: list[float] = field(default_factory=list)
+    frame_s: list[float] = field(default_factory=list)
+    reading_s: list[float] = field(default_factory=list)
+    wrong: list[str] = field(default_factory=list)
+
+    def add(self, setup: Setup, seen: tuple[Sighting, ...]) -> None:
+        """Count one scene."""
+        self.scenes += 1
+        self.objects += len(setup.bodies)
+        self.cells += len(set(setup.cells) & {cell_of(one, setup.layout) for one in seen})
+        targets = [cell_of(one, setup.layout) for one in seen if one.is_target]
+        self.target += targets == [setup.cells[0]]
+        try:
+            self.exact += scene_of(seen, setup.layout) == setup.scene
+        except NotUnderstood as error:
+            self.wrong.append(str(error))
+        for body, xy, yaw in zip(setup.bodies, setup.xy, setup.yaws_rad, strict=True):
+            self._add_object(body, xy, float(yaw), seen)
+
+    def _add_object(self, body: Body, xy: Array, yaw: float, seen: tuple[Sighting, ...]) -> None:
+        near = min(seen, key=lambda one: math.dist(one.xy, xy), default=None)
+        if near is None or math.dist(near.xy, xy) > _FOUND_WITHIN_M:
+            return
+        self.upright += near.upright
+        self.shape += near.shape == body.shape
+        self.centre_mm.append(1000 * math.dist(near.xy, xy))
+        self.height_mm.append(1000 * (near.height_m - body.height_m))
+        self.width_mm.append(1000 * (near.half_width_m - body.half_width_m))
+        if body.shape == near.shape == "cuboid":
+            self.yaw_deg.append(math.degrees(math.remainder(near.yaw_rad - yaw, math.pi / 2)))
+
+
+def is_told(seen: tuple[Sighting, ...], layout: Layout) -> bool:
+    """Whether the camera says that an object lies."""
+    try:
+        scene_of(seen, layout)
+    except NotUnderstood as error:
+        return error.why is Why.NOT_UPRIGHT
+    return False
