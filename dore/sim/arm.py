@@ -18,18 +18,18 @@ from mani_skill.agents.controllers import (
     PDJointPosMimicControllerConfig,
     deepcopy_dict,
 )
-from mani_skill.agents.registration import register_agent
 from mani_skill.utils.structs.actor import Actor
 from mani_skill.utils.structs.link import Link
 from torch import Tensor
 
-from dore.sim.config import ArmConfig, preset
+from dore.sim.config import ArmConfig
 from dore.sim.description import arm_files
 from dore.sim.frames import Array
 
 _GRASP_FORCE_N = 0.5
 """Less than this from either side is no grasp."""
 _FINGER_FRICTION = 2.0
+_DRIVE = ("stiffness", "damping", "force_limit")
 
 
 class _Grip(PDJointPosMimicController):
@@ -65,8 +65,8 @@ class ArmAgent(BaseAgent):
     @property
     def _controller_configs(self) -> dict[str, Any]:
         model = self.arm.model
-        arm = dict(zip(("stiffness", "damping", "force_limit"), model.arm_drive, strict=True))
-        grip = dict(zip(("stiffness", "damping", "force_limit"), model.finger_drive, strict=True))
+        arm: dict[str, Any] = dict(zip(_DRIVE, model.arm_drive, strict=True))
+        grip: dict[str, Any] = dict(zip(_DRIVE, model.finger_drive, strict=True))
         leader, (opened, closed) = next(iter(model.fingers.items()))
         mimic = {}
         for name, (other_opened, other_closed) in model.fingers.items():
@@ -75,8 +75,9 @@ class ArmAgent(BaseAgent):
                 mimic[name] = {"joint": leader, "multiplier": ratio, "offset": other_closed - ratio * closed}
         joints = list(model.joints)
         low, high = sorted((opened, closed))
-        hand = _GripConfig(list(model.fingers), lower=low, upper=high, mimic=mimic, **grip)
-        hand.opens_downwards = opened < closed
+        hand = _GripConfig(
+            list(model.fingers), lower=low, upper=high, mimic=mimic, opens_downwards=opened < closed, **grip
+        )
         ways = {
             "pd_joint_pos": PDJointPosControllerConfig(joints, None, None, normalize_action=False, **arm),
             "pd_joint_delta_pos": PDJointPosControllerConfig(joints, -0.1, 0.1, use_delta=True, **arm),
@@ -132,18 +133,11 @@ class ArmAgent(BaseAgent):
 
 def agent_of(arm: ArmConfig) -> type[ArmAgent]:
     """The agent's class for an arm; ManiSkill takes it where it takes a uid."""
-    links = {name: {"material": "grip", "patch_radius": 0.1, "min_patch_radius": 0.1} for name in _finger_links(arm)}
+    pad = {"material": "grip", "patch_radius": 0.1, "min_patch_radius": 0.1}
+    links = {name: pad for side in arm.model.jaws for name in side}
     grip = {"static_friction": _FINGER_FRICTION, "dynamic_friction": _FINGER_FRICTION, "restitution": 0.0}
     fields = {"uid": arm.name, "arm": arm, "urdf_config": {"_materials": {"grip": grip}, "link": links}}
     return type(f"{arm.name}_agent", (ArmAgent,), fields)
-
-
-def _finger_links(arm: ArmConfig) -> list[str]:
-    return [name for side in arm.model.jaws for name in side]
-
-
-PandaSlim = register_agent()(agent_of(preset("arm/panda_slim")))
-"""Also known to ManiSkill by its uid."""
 
 
 @cache

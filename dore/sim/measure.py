@@ -8,7 +8,6 @@ import time
 import numpy as np
 
 from dore.plan import cell_id
-from dore.sim.description import FINGER_OPEN_M
 from dore.sim.frames import Array
 from dore.sim.outcome import Outcome
 from dore.sim.rehearsal import MoveTask
@@ -68,7 +67,7 @@ class MoveMeter:
         half = body.half_width_m
         if body.shape == "cuboid":
             half *= abs(math.cos(turned)) + abs(math.sin(turned))
-        return FINGER_OPEN_M - half
+        return self._task.arm.model.half_opening_m - half
 
 
 def _yaw(pose: Array) -> float:

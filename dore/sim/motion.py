@@ -34,7 +34,7 @@ class Operator:
         self._env, self.rehearsal, self.senses, self._after_step = env, rehearsal, senses, after_step
         self._task: DoreTabletopEnv = env.unwrapped
         self._gripper = _OPEN
-        self.joints: Array = self._task.agent.robot.get_qpos()[0, :7].double().cpu().numpy()
+        self.joints: Array = self._task.agent.arm_joints()[0].double().cpu().numpy()
         self._way_out: list[Array] = []
         """Commands that take the hand out of the grid, when it is in it and holds nothing that it should."""
         self.holding = False

@@ -17,8 +17,8 @@ _HELD_WITHIN_M = 0.03
 """A held object's axis stays this near the tool point, seen from above."""
 _SLIPPED_M = 0.006
 """A held object that has moved further than this in the hand since it was lifted has slipped."""
-_EMPTY_GAP_M = 0.012
-"""Closed fingers that are nearer than this hold nothing; the thinnest object is three times as wide."""
+_HOLDING = (0.15, 0.95)
+"""How far a hand is open that holds something: neither shut on nothing, nor wide open."""
 
 
 class Senses(Protocol):
@@ -152,8 +152,7 @@ class Touch:
 
     def holding(self) -> bool:
         """Whether something keeps the closed fingers apart."""
-        fingers = self._task.agent.robot.get_qpos()[0, 7:]
-        return float(fingers.sum()) > _EMPTY_GAP_M
+        return _HOLDING[0] < float(self._task.agent.opening()[0]) < _HOLDING[1]
 
 
 def positions(task: DoreTabletopEnv) -> Array:

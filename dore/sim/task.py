@@ -94,6 +94,7 @@ class DoreTabletopEnv(BaseEnv):
             raise InputError(f"bodies: {len(self.bodies)} objects, want at most {self.layout.n_cells}, one a cell")
         self.density_kg_m3 = density_kg_m3
         self.objects: list[Any] = []
+        self._shelf = torch.tensor([waiting_xy(index) for index in range(len(self.bodies))])
         kinematics = ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
         self._ready_joints = kinematics.ready(self.layout.front_m - self.arm.staging_m).joints
         super().__init__(*args, robot_uids=agent_of(self.arm), **kwargs)
@@ -167,24 +168,30 @@ class DoreTabletopEnv(BaseEnv):
             if (np.linalg.norm(where[:, one] - where[:, other], axis=-1) < least).any():
                 raise InputError(f"offsets_m: objects {one} and {other} stand in one another, want them apart")
 
+    def poses(self) -> Tensor:
+        """Float32[B, N, 7]: centre of each object, metres, and its quaternion, w first; world frame."""
+        return torch.stack([actor.pose.raw_pose for actor in self.objects], dim=1)
+
     def positions(self) -> Tensor:
         """Float32[B, N, 3]: centre of each object, metres, world frame."""
-        return torch.stack([actor.pose.p for actor in self.objects], dim=1)
+        return self.poses()[..., :3]
 
     def leaning_deg(self) -> Tensor:
         """Float32[B, N]: angle between each object's axis and the vertical, degrees."""
-        up = torch.stack([a.pose.to_transformation_matrix()[:, 2, 2] for a in self.objects], dim=1)
-        return torch.rad2deg(torch.arccos(up.clamp(-1.0, 1.0)))
+        return _leaning_deg(self.poses())
 
     def waiting(self) -> Tensor:
         """Bool[B, N]: which objects wait beside the table."""
-        places = torch.tensor([waiting_xy(index) for index in range(len(self.bodies))])
-        return torch.linalg.norm(self.positions()[..., :2] - places.to(self.device), dim=-1) < 0.05
+        return self._waiting(self.positions())
+
+    def _waiting(self, at: Tensor) -> Tensor:
+        return torch.linalg.norm(at[..., :2] - self._shelf.to(at), dim=-1) < 0.05
 
     def evaluate(self) -> dict[str, Tensor]:
         """Bool[B] each: the four conditions, and `success`, their conjunction."""
-        at, upright = self.positions(), self.leaning_deg() < UPRIGHT_DEG
-        centres, beside = self.layout.centres.to(at), self.waiting()
+        poses = self.poses()  # once, since ManiSkill asks after every step
+        at, upright = poses[..., :3], _leaning_deg(poses) < UPRIGHT_DEG
+        centres, beside = self.layout.centres.to(at), self._waiting(at)
         within = ((at[:, 1:, None, :2] - centres).abs() <= self.layout.cell_m / 2).all(-1)
         named = {
             "target_lifted": at[:, 0, 2] > self.bodies[0].height_m / 2 + self.arm.lift_m / 2,
@@ -198,7 +205,13 @@ class DoreTabletopEnv(BaseEnv):
         """Object poses, where the state is observed: Float32[B, N * 7], position then quaternion (w first)."""
         if "state" not in self.obs_mode:
             return {}
-        return {"object_poses": torch.cat([actor.pose.raw_pose for actor in self.objects], dim=1)}
+        return {"object_poses": self.poses().flatten(1)}
+
+
+def _leaning_deg(poses: Tensor) -> Tensor:
+    """Float32[B, N] of Float32[B, N, 7]."""
+    up = 1.0 - 2.0 * poses[..., 4:6].square().sum(-1)
+    return torch.rad2deg(torch.arccos(up.clamp(-1.0, 1.0)))
 
 
 def _arm_called(name: str) -> ArmConfig:
