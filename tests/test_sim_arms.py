@@ -78,14 +78,6 @@ def test_a_sample_of_allowed_lanes_is_followed_and_touches_nothing(place):
     assert found.not_blocked.nonzero().tolist() == []
 
 
-@pytest.mark.slow
-def test_allowed_lanes_are_exactly_those_that_the_arm_follows_and_touch_nothing(place):
-    surveyor = Surveyor(place.arm, place.objects, place.layout)
-    found = survey(surveyor, torch.cartesian_prod(*map(torch.arange, surveyor.reach.lanes.shape)).tolist())
-    assert torch.equal(found.followed, surveyor.reach.lanes)
-    assert found.not_blocked.nonzero().tolist() == []
-
-
 def test_all_cells_are_within_reach_and_another_arms_plan_is_not(place, places):
     kinematics = ArmKinematics(arm_files(visuals=False, arm=place.arm), place.arm)
     reach = arm_reach(place.arm, place.objects, place.layout, kinematics)
@@ -122,6 +114,17 @@ def test_a_short_plan_is_carried_out(name, places, tmp_path):
         assert move.others_moved_mm < 1.0
         assert move.tilt_deg < 8.0  # a can hangs a little askew between three fingers
         assert (move.placement_error_mm or 0.0) < 8.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(PLANS))
+def test_allowed_lanes_are_exactly_those_that_the_arm_follows_and_touch_nothing(name, places):
+    place = places[name]
+    surveyor = Surveyor(place.arm, place.objects, place.layout)
+    every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.lanes.shape)).tolist()
+    found = survey(surveyor, every)
+    assert torch.equal(found.followed, surveyor.reach.lanes)
+    assert found.not_blocked.nonzero().tolist() == []
 
 
 def test_the_gripper_opens_at_1_and_closes_at_minus_1(place):

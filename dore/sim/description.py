@@ -13,9 +13,6 @@ from xml.etree import ElementTree
 from dore.errors import InputError, atomic_write
 from dore.sim.config import ArmConfig, preset
 
-FINGER_OPEN_M = 0.04
-"""How far each finger of the Pandas opens from the middle, metres."""
-
 
 def arm_files(visuals: bool, arm: ArmConfig | None = None) -> Path:
     """The URDF file of an arm, written if it is not there; its SRDF, where it has one, lies beside it.
