@@ -74,8 +74,9 @@ def main() -> None:
     ]  # fmt: skip
     lines = [
         "# Speed of executions", "",
-        f"`python -m scripts.bench_execution --plans {chosen.plans}`, commit {commit()}, {os.cpu_count()} cores, load "
-        f"{load:.2f} at the start. 3 x 6, 7 obstacles, open loop, no pictures; the processes' start is not counted.", "",
+        f"`python -m scripts.bench_execution --plans {chosen.plans}`, commit {commit()}, {os.cpu_count()} cores, "
+        f"load {load:.2f} at the start. 3 x 6, 7 obstacles, open loop, no pictures; the start of a process is not "
+        "counted.", "",
         f"{one.steps / simulating:.0f} simulated control steps a second ({CONTROL_S * one.steps / simulating:.0f} "
         f"simulated seconds a second), {one.steps / plans:.0f} steps a plan.", "",
         as_markdown(speeds), "", as_markdown(shares),

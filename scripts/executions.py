@@ -14,6 +14,7 @@ import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import hydra
 import torch
@@ -27,11 +28,16 @@ from dore.paths import conf_dir
 from dore.plan import PlanFile, Scene, Status
 from dore.planners.label import label
 from dore.sampling import Difficulty
+from dore.sim.arm import render_backend
 from dore.sim.closed_execution import execute_closed
 from dore.sim.closed_loop import Loop
+from dore.sim.config import preset
 from dore.sim.execute import execute
+from dore.sim.eye import Eye
 from dore.sim.outcome import Outcome
 from dore.sim.stage import REPORT_NAME, Stage
+
+_KEPT: list[Any] = []
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,8 @@ def main(arguments: list[str] | None = None) -> None:
     todo = [job for job in jobs if not finished(job.folder)]
     print(f"{len(jobs) - len(todo)} of {len(jobs)} executions are done in {chosen.out}")
     # Not forked: SAPIEN's renderer does not survive it.
-    with multiprocessing.get_context("spawn").Pool(chosen.workers) as pool:
+    begin = _keep_rendering if chosen.loop == "closed" else None
+    with multiprocessing.get_context("spawn").Pool(chosen.workers, initializer=begin) as pool:
         for _ in tqdm(pool.imap_unordered(_carry_out, todo), total=len(todo), unit="plan"):
             pass
 
@@ -126,13 +133,29 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
     return [scenes[row] for row in rows]
 
 
+def _keep_rendering() -> None:
+    """One environment stays open in each process: without any, the next one compiles its shaders again, 10 s."""
+    cfg = composed(())
+    stage = _stage(cfg)
+    env = stage.environment(
+        build.make(cfg.layout, "layout"), stage.bodies(1), render_backend(), eye=preset("eye/kinect")
+    )
+    env.reset(options={"cells": [0]})
+    Eye(preset("eye/kinect"), 0).look(env)
+    _KEPT.append(env)
+
+
+def _stage(cfg: DictConfig) -> Stage:
+    arm, objects, camera = (build.make(cfg[name], name) for name in ("arm", "objects", "camera"))
+    return Stage(arm, objects, camera, cfg.seed, film=False)
+
+
 def _carry_out(job: Job) -> None:
     """One execution, in a process of its own, on one thread."""
     os.environ["OMP_NUM_THREADS"] = "1"
     torch.set_num_threads(1)
     cfg = composed(job.overrides)
-    stage = Stage(build.make(cfg.arm, "arm"), build.make(cfg.objects, "objects"), build.make(cfg.camera, "camera"),
-                  cfg.seed, film=False)  # fmt: skip
+    stage = _stage(cfg)
     reach = build.reach_of(cfg, "cpu", job.scene.layout)
     planner = build.planner_of(cfg, reach)
     shutil.rmtree(job.folder, ignore_errors=True)

@@ -10,8 +10,8 @@ python=${BIN:-.venv/bin}/python
 out=${OUT:-outputs/executions}
 runs=${RUNS:-100}
 closed=$(((runs + 2) / 3))
-"$python" -m scripts.executions "$out/open" --obstacles 5,7,9 --runs "$runs"
-"$python" -m scripts.executions "$out/closed" --obstacles 5,7,9 --runs "$closed" --loop closed
-"$python" -m scripts.executions "$out/disturbed" --obstacles 5,7,9 --runs "$closed" --loop closed --disturbance mixed
+"$python" -m scripts.executions "$out/open" --obstacles 5,7,9 --runs "$runs" --workers "${WORKERS:-2}"
+"$python" -m scripts.executions "$out/closed" --obstacles 5,7,9 --runs "$closed" --loop closed --workers "${WORKERS:-2}"
+"$python" -m scripts.executions "$out/disturbed" --obstacles 5,7,9 --runs "$closed" --loop closed --disturbance mixed --workers "${WORKERS:-2}"
 "$python" -m scripts.execution_report "${REPORT:-docs/results/execution}" scripts/executions.sh \
     "Open loop=$out/open" "Closed loop, by the camera alone=$out/closed" "Closed loop, one disturbance each=$out/disturbed"
