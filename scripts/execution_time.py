@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, linear_regression
 
 from dore.errors import InputError, atomic_write
 from dore.run_folder import commit
@@ -93,9 +93,11 @@ def _costs(both: Sequence[tuple[Run, Run]]) -> Table:
     ]
     costs: Table = [["", "s a move", "s for the target"]]
     for name, points in (("paper", paper), ("ours", ours)):
-        x, y = fmean(p[0] for p in points), fmean(p[1] for p in points)
-        slope = sum((a - x) * (b - y) for a, b in points) / sum((a - x) ** 2 for a, _ in points)
-        costs.append([name, f"{slope:.1f}", f"{y - slope * x:.1f}"])
+        if len({moves for moves, _ in points}) < 2:
+            costs.append([name, "-", "-"])
+            continue
+        line = linear_regression(*zip(*points, strict=True))
+        costs.append([name, f"{line.slope:.1f}", f"{line.intercept:.1f}"])
     return costs
 
 
