@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean
+from typing import Any
 
 from dore.errors import atomic_write
 from dore.intervals import percentile, wilson
@@ -27,7 +28,8 @@ PUSHED_MM = 5.0
 
 @dataclass(frozen=True)
 class Run:
-    """One execution. pushed: moves in which an object that should stand still moved more than `PUSHED_MM`."""
+    """One execution. pushed: moves in which an object that should stand still moved more than `PUSHED_MM`. faults,
+    plans: how many a closed loop noted."""
 
     title: str
     obstacles: int
@@ -40,6 +42,8 @@ class Run:
     toppled: bool
     moves: int
     pushed: int
+    faults: int
+    plans: int
     others_moved_mm: float
     placement_error_mm: float
     tilt_deg: float
@@ -91,6 +95,8 @@ def read(title: str, folder: Path) -> Iterator[Run]:
             claimed=report["claimed"],
             toppled=report["outcome"] == "toppled" or report["conditions"].get("all_upright") is False,
             moves=len(moves),
+            faults=_count(report, "fault"),
+            plans=_count(report, "plan"),
             pushed=sum(move["others_moved_mm"] > PUSHED_MM for move in moves),
             others_moved_mm=max((move["others_moved_mm"] for move in moves), default=0.0),
             placement_error_mm=max((move["placement_error_mm"] or 0.0 for move in moves), default=0.0),
@@ -103,10 +109,16 @@ def read(title: str, folder: Path) -> Iterator[Run]:
         )
 
 
+def _count(report: dict[str, Any], kind: str) -> int:
+    """How often a closed loop noted an event; an open one notes none."""
+    return sum(event["event"] == kind for event in report["events"])
+
+
 def _summary(runs: Sequence[Run]) -> Table:
     """A line for each number of obstacles, and for all."""
     table: Table = [
-        ["obstacles", "runs", "refused", "success (%)", "wrong claims", "toppled", "moves", "pushed > 5 mm (%)",
+        ["obstacles", "runs", "refused", "success (%)", "wrong claims", "toppled", "faults seen", "plans made",
+         "moves", "pushed > 5 mm (%)",
          "placed within, mm: mean, max", "simulated s", "wall s: median, max"],
     ]  # fmt: skip
     for z in [*sorted({run.obstacles for run in runs}), None]:
@@ -118,6 +130,7 @@ def _summary(runs: Sequence[Run]) -> Table:
             ["all" if z is None else str(z), str(len(some)), str(sum(run.refused for run in some)),
              f"{100 * share.value:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}]",
              str(sum(run.claimed and not run.success for run in some)), str(sum(run.toppled for run in some)),
+             str(sum(run.faults for run in some)), str(sum(run.plans for run in some)),
              str(moves), f"{100 * pushed / max(1, moves):.2f}", f"{fmean(placed):.2f}, {max(placed):.2f}",
              f"{fmean(run.simulated_s for run in some):.1f}", f"{percentile(wall, 50):.1f}, {max(wall):.1f}"]
         )  # fmt: skip
