@@ -10,21 +10,26 @@ import sys
 from collections.abc import Callable
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from dore import sweep, sweep_job
 from dore.errors import InputError
 from dore.paths import conf_dir
 
 BAD_INPUT, STOPPED = 2, 130
 LONGEST_NAME = 120
+EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
+"""Hydra's plugins that come with an extra of the package."""
 Task = Callable[[DictConfig], int]
 
 
 def short_name(overrides: str) -> str:
     """A sweep job's folder: its overrides, or their head and a digest of all where they are long."""
-    overrides = overrides.replace("/", "_")
+    overrides = overrides.replace("/", "_") or "defaults"
     if len(overrides) <= LONGEST_NAME:
         return overrides
     return f"{overrides[: LONGEST_NAME - 9]}-{hashlib.sha256(overrides.encode()).hexdigest()[:8]}"
@@ -84,13 +89,24 @@ def _main(name: str, task: Task) -> None:
 
     codes: list[int] = []
 
-    def run(cfg: DictConfig) -> None:
+    def run(cfg: DictConfig) -> float | None:
+        if name == "train" and HydraConfig.get().mode is RunMode.MULTIRUN:
+            return sweep_job.run_job(cfg)
         # A sweep goes on after a job that failed, and ends with the worst code.
         codes.append(_guarded(name, lambda: task(cfg)))
+        return None
 
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
-    composed = _guarded(name, lambda: command() or 0)
-    sys.exit(max([composed, *codes]))
+    try:
+        composed = _guarded(name, lambda: command() or 0)
+    except Exception as error:
+        # A sweeper that finds no job to choose from, or a launcher whose workers are gone; the jobs are told first.
+        code = sweep.conclude()
+        if code is None:
+            raise
+        print(f"dore-{name}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(max(code, sweep.FAILED))
+    sys.exit(max([composed, *codes, sweep.conclude() or 0]))
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:
@@ -116,6 +132,9 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
 def _config_message(command: str, text: str) -> str:
     """Hydra's error, with the options there are and without its advice on Hydra itself."""
     text = text.split("Config search path")[0]
+    for plugin, extra in EXTRAS.items():
+        if f"'{plugin}" in text:
+            return f"{plugin}: not installed, want the extra `{extra}` (docs/sweeps.md)"
     unknown = re.search(r"Could not override '([^']+)'", text)
     if not unknown:
         return text

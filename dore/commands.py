@@ -17,6 +17,7 @@ from dore.checkpoint import SHIPPED, load_checkpoint, load_model
 from dore.errors import InputError, path_of, seed_of
 from dore.evaluation import ROWS, Timing, evaluate_into, read_rows
 from dore.instances import InstanceSet, random_scene
+from dore.memory import OutOfMemory
 from dore.plan import Plan, PlanFile, Status, cell_id
 from dore.plan_files import read_scene, write_plan
 from dore.planners.base import Planner
@@ -32,21 +33,41 @@ logging.getLogger("torchrl").setLevel(logging.WARNING)
 def train(cfg: DictConfig) -> int:
     """Train a new run, or go on with one."""
     if cfg.resume is not None:
-        return _go_on(path_of("resume", cfg.resume))
+        folder = path_of("resume", cfg.resume)
+        return _go_on(folder, _resumed_config(folder))
+    if cfg.existing not in ("refuse", "continue"):
+        raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
+    folder = path_of("run_dir", cfg.run_dir)
+    if cfg.existing == "continue" and (folder / run_folder.CHECKPOINT).exists():
+        run_folder.check_same(folder, cfg)
+        if run_folder.finished(folder, cfg.training):
+            print(f"{folder}: finished already")
+            return OK
+        was = run_folder.read_config(folder)
+        was.training = cfg.training
+        return _go_on(folder, _placed(was, folder))
+    if cfg.existing == "continue":
+        run_folder.clear_unstarted(folder)
     trainer = trainer_of(cfg)
-    with run_folder.claimed(_run_dir(cfg), worth=run_folder.CHECKPOINT) as folder:
+    with run_folder.claimed(folder, worth=run_folder.CHECKPOINT):
         run_folder.write_config(folder, cfg)
         return _run(Session(trainer, folder, cfg, resumed=False))
 
 
-def _go_on(folder: Path) -> int:
-    """Go on with a run from its checkpoint; its config keeps what the command line changes."""
-    cfg = _resumed_config(folder)
+def _go_on(folder: Path, cfg: DictConfig) -> int:
+    """Go on with a run from its checkpoint, under a config that differs from its own in the budget alone."""
+    with run_folder.locked(folder, "resume"):
+        return _go_on_alone(folder, cfg)
+
+
+def _go_on_alone(folder: Path, cfg: DictConfig) -> int:
     trainer = trainer_of(cfg)
     checkpoint = folder / run_folder.CHECKPOINT
     state = load_checkpoint(checkpoint)
     try:
         trainer.load_state_dict(state)
+    except OutOfMemory:
+        raise
     except (RuntimeError, KeyError, ValueError, TypeError) as error:
         why = str(error).splitlines()[0]
         raise InputError(f"{checkpoint}: of another layout, network or version ({why})") from None
@@ -112,7 +133,7 @@ def evaluate(cfg: DictConfig) -> int:
         evaluation = Evaluation.of(cfg)
     else:
         evaluation = Evaluation.of(cfg)
-        with run_folder.claimed(_run_dir(cfg), worth=run_folder.CONFIG) as folder:
+        with run_folder.claimed(_evaluation_dir(cfg), worth=run_folder.CONFIG) as folder:
             run_folder.write_config(folder, cfg)
     if not (folder / ROWS).exists():
         try:
@@ -167,8 +188,8 @@ def _print_plan(found: Plan, target_id: int) -> None:
         print(f"  then the target on {target_id}, from {found.target_direction_deg:+.1f} deg")
 
 
-def _run_dir(cfg: DictConfig) -> Path:
-    """The run's folder: its own in a sweep, so that no two jobs share one."""
+def _evaluation_dir(cfg: DictConfig) -> Path:
+    """The evaluation's folder: its own in a sweep, so that no two jobs share one."""
     settings = HydraConfig.get()
     if settings.mode is RunMode.MULTIRUN:
         cfg.run_dir = str(Path(settings.sweep.dir) / settings.sweep.subdir)
@@ -190,12 +211,17 @@ def _changes() -> list[str]:
 
 def _resumed_config(folder: Path) -> DictConfig:
     """The run's own config; of what the command line gives, only the budget may differ."""
-    cfg = run_folder.read_config(folder, expected=(*build.MODEL, "training", "ipt", "buffer", "seed"))
+    cfg = run_folder.read_config(folder, expected=run_folder.LEARNING)
     changes = _changes()
     for change in changes:
         if not change.startswith("training."):
             raise InputError(f"resume: {change} cannot be changed in {folder}, only training.* can")
     cfg.merge_with_dotlist(changes)
+    return _placed(cfg, folder)
+
+
+def _placed(cfg: DictConfig, folder: Path) -> DictConfig:
+    """The config of a run that lies in `folder` now."""
     # The folder may have been moved, or named from elsewhere; loggers write where it is now.
     for node in cfg.loggers.values():
         for key, value in node.items():

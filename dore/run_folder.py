@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import fcntl
 import json
 import os
 import shutil
@@ -21,6 +22,15 @@ from omegaconf.errors import OmegaConfBaseException
 from dore.errors import InputError, atomic_write, path_of
 
 CONFIG, METRICS, CHECKPOINT, DONE = "config.yaml", "metrics.csv", "checkpoint.pt", "done.json"
+BUDGET = "budget"
+"""How a run has ended that a larger budget goes on with."""
+LEARNING = (
+    *("layout", "reach", "instances", "agent", "network", "seed"),
+    *("training", "ipt", "buffer", "env", "exploration", "optimizer", "target_update"),
+)
+"""The keys of a run's config that say what it learns."""
+SPENDING = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
+"""Those that say for how long."""
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
@@ -28,22 +38,59 @@ _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 def claimed(path: object, worth: str) -> Iterator[Path]:
     """A new run folder; it is removed again if the block fails before the file `worth` is there.
 
-    So a run that could not start leaves its name free.
+    So a run that could not start leaves its name free. Meanwhile the folder is locked.
 
     Raises:
-        InputError: it exists and holds something.
+        InputError: it exists and holds something, or another process has just claimed it.
         OSError: it cannot be made.
     """
     folder = path_of("run_dir", path)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"run_dir: {folder} exists already, want a new one (or resume={folder})")
+    taken = InputError(f"run_dir: {folder} exists already, want a new one (or resume={folder})")
+    if folder.exists() and not folder.is_dir():
+        raise taken
     folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder, "run_dir"):
+        if any(folder.iterdir()):
+            raise taken
+        try:
+            yield folder
+        except BaseException:
+            if not (folder / worth).exists():
+                shutil.rmtree(folder, ignore_errors=True)
+            raise
+
+
+@contextmanager
+def locked(folder: Path, name: str) -> Iterator[None]:
+    """No other process works in the folder meanwhile; a process that is killed leaves no lock.
+
+    Raises:
+        InputError: another one does; `name` is the key that gave the folder.
+        OSError: no such folder.
+    """
+    handle = os.open(folder, os.O_RDONLY)
     try:
-        yield folder
-    except BaseException:
-        if not (folder / worth).exists():
-            shutil.rmtree(folder, ignore_errors=True)
-        raise
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"{name}: {folder} is in use by another process") from None
+        yield
+    finally:
+        os.close(handle)
+
+
+def clear_unstarted(folder: Path) -> None:
+    """Remove what a run has left that was killed before its first checkpoint; nothing else is touched.
+
+    Raises:
+        InputError: another process works there.
+    """
+    if not folder.is_dir() or (folder / CHECKPOINT).exists():
+        return
+    # Killed while it wrote its first file, it has left that file's temporary one.
+    if (folder / CONFIG).exists() or all(path.suffix == ".tmp" for path in folder.iterdir()):
+        with locked(folder, "run_dir"):
+            shutil.rmtree(folder)
 
 
 def write_config(folder: Path, cfg: DictConfig) -> None:
@@ -75,10 +122,45 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
     return cast(DictConfig, cfg)
 
 
+def check_same(folder: Path, cfg: DictConfig) -> None:
+    """The run in a folder learns as `cfg` says, but for its budget; keys that it does not know are newer than it.
+
+    Raises:
+        InputError: it does not, or is damaged; names the first key that differs.
+    """
+    given = OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True))  # By way of a file, as the run's own.
+    was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(given))
+    for key, value in was.items():
+        if key.split(".")[0] in LEARNING and key not in SPENDING and now.get(key) != value:
+            raise InputError(f"run_dir: {folder} was started with {key}={value}, not {now.get(key)}")
+
+
+def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of a config with its whole key."""
+    for key, value in node.items():
+        if isinstance(value, DictConfig):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
 def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
     """Write the file that says a run has ended, and how."""
     with atomic_write(folder / DONE) as file:
         json.dump(result, file, indent=2)
+
+
+def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What `mark_done` wrote, unless that run has ended by its budget and `training` gives it a larger one."""
+    try:
+        done: dict[str, Any] = json.loads((folder / DONE).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    minutes = training["max_minutes"]
+    out_of_time = minutes is not None and done["seconds"] >= 60 * minutes
+    if done["ending"] == BUDGET and not out_of_time and done["episodes"] < training["max_episodes"]:
+        return None
+    return done
 
 
 def unmark_done(folder: Path) -> None:

@@ -19,6 +19,7 @@ from dore.build import MODEL, agent_of, call, make, reach_of, splits_of, use_thr
 from dore.checkpoint import MODEL_NAME, save_checkpoint, save_model
 from dore.curves import draw_learning_curve
 from dore.errors import InputError, number, seed_of, whole
+from dore.memory import memory_for
 from dore.performance import TestResult
 from dore.run_folder import CHECKPOINT, METRICS, MetricsLog, mark_done
 from dore.training import Diverged, Ending, Progress, Trainer
@@ -37,6 +38,8 @@ COLUMNS = (
     "env_steps_per_s",
 )
 CURVE = "learning_curve.png"
+TELL_S = 30.0
+"""Seconds between two lines of progress where there is no terminal to draw a bar on."""
 
 
 def trainer_of(cfg: DictConfig) -> Trainer:
@@ -55,7 +58,9 @@ def trainer_of(cfg: DictConfig) -> Trainer:
     splits = splits_of(cfg, reach)
     torch.manual_seed(cfg.seed)
     agent = agent_of(cfg, reach)
-    env = make(cfg.env, "env", reach=reach, source=splits.train(reach, cfg.seed))
+    source = splits.train(reach, cfg.seed)
+    with memory_for("env.num_envs", cfg.env.num_envs):
+        env = make(cfg.env, "env", reach=reach, source=source)
     return Trainer(
         env=env,
         agent=agent,
@@ -87,7 +92,11 @@ class Session:
         progress = trainer.progress
         self.metrics = MetricsLog(folder / METRICS, COLUMNS, progress.iteration if resumed else None)
         self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
-        self.bar = tqdm(total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05)
+        # No bar in a log file, but a line now and then.
+        self.bar = tqdm(
+            total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05, disable=None
+        )
+        self._told_at = time.perf_counter()
         self._stop = False
         self._saved_at = time.perf_counter()
         self._mark = (time.perf_counter(), progress.env_steps)
@@ -101,6 +110,7 @@ class Session:
         before = {number: signal.signal(number, self._ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             ending = self.trainer.run(self._report, lambda: self._stop)
+            self._save_checkpoint()
         except Diverged as error:
             checkpoint = self.folder / CHECKPOINT
             good = f"the last good checkpoint is {checkpoint}" if checkpoint.exists() else "there is no checkpoint yet"
@@ -109,7 +119,6 @@ class Session:
             for number_, handler in before.items():
                 signal.signal(number_, handler)
             self.bar.close()
-        self._save_checkpoint()
         self._conclude(ending)
         self.metrics.close()
         draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
@@ -173,12 +182,16 @@ class Session:
                 if value is not None and name not in ("iteration", "env_steps"):
                     logger.log_scalar(f"train/{name}", value, step=steps)
         success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
-        self.bar.set_postfix_str(
-            f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
-        )
+        how = f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
+        self.bar.set_postfix_str(how)
+        if self.bar.disable and now - self._told_at > TELL_S:
+            print(f"{progress.episodes} episodes in {progress.seconds:.0f} s: {how}", flush=True)
+            self._told_at = now
 
     def _save_checkpoint(self) -> None:
-        save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
+        self.trainer.check_weights()
+        with memory_for("buffer.storage.max_size", self.trainer.buffer.storage.max_size):
+            save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
         self._saved_at = time.perf_counter()
 
     def _save_model(self) -> None:

@@ -19,6 +19,7 @@ from dore import keys
 from dore.agents.common import Agent
 from dore.env import RearrangeEnv
 from dore.errors import number, whole
+from dore.memory import memory_for
 from dore.performance import PerformanceTest, TestResult
 from dore.replay import buffer_state, compact, load_buffer, restore
 
@@ -177,8 +178,10 @@ class Trainer:
         """One step of every environment into the buffer; what they show next, and how many episodes ended."""
         self.progress.epsilon = self.epsilon(self.progress.env_steps)
         self.agent.set_epsilon(self.progress.epsilon)
-        step, following = self.env.step_and_maybe_reset(self.agent.policy(shown))
-        self.buffer.extend(compact(step, self.agent.stored, self.env.reach.n_cells))
+        with memory_for("env.num_envs", self.env.batch_size[0]):
+            step, following = self.env.step_and_maybe_reset(self.agent.policy(shown))
+        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
+            self.buffer.extend(compact(step, self.agent.stored, self.env.reach.n_cells))
         self.progress.env_steps += self.env.batch_size[0]
         return following, int(step["next", keys.DONE].sum())
 
@@ -186,14 +189,19 @@ class Trainer:
         """The updates of one iteration, once the buffer holds enough."""
         if len(self.buffer) < self.budget.learning_starts:
             return
-        losses = [self._update() for _ in range(self.budget.updates_per_step)]
+        with memory_for("training.batch_size", self.budget.batch_size):
+            losses = [self._update() for _ in range(self.budget.updates_per_step)]
         self.progress.updates += len(losses)
         self.progress.loss = float(torch.stack(losses).mean())
         if not math.isfinite(self.progress.loss):
-            raise Diverged(
-                f"the loss is {self.progress.loss} after {self.progress.updates} updates "
-                f"({self.progress.env_steps} env steps); try a lower optimizer.lr"
-            )
+            raise self._diverged("the loss is")
+
+    def _diverged(self, what: str) -> Diverged:
+        progress = self.progress
+        return Diverged(
+            f"{what} {progress.loss} after {progress.updates} updates "
+            f"({progress.env_steps} env steps); try a lower optimizer.lr"
+        )
 
     def _update(self) -> torch.Tensor:
         sample = self.buffer.sample(self.budget.batch_size)
@@ -206,6 +214,15 @@ class Trainer:
         self.optimizer.step()
         self.targets.step()
         return total.detach()
+
+    def check_weights(self) -> None:
+        """What is to be kept can be gone on with: an update may spoil the weights after its loss was fine.
+
+        Raises:
+            Diverged: a weight is NaN or infinite.
+        """
+        if not all(bool(weight.isfinite().all()) for weight in self.agent.networks.parameters()):
+            raise self._diverged("a weight is no longer finite, with a loss of")
 
     def state_dict(self) -> dict[str, Any]:
         """Named parts: all that the next iteration depends on."""
@@ -227,7 +244,8 @@ class Trainer:
         self.agent.loss.load_state_dict(state["loss"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.targets.load_state_dict(state["targets"])
-        load_buffer(self.buffer, state["buffer"])
+        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
+            load_buffer(self.buffer, state["buffer"])
         self.env.load_state_dict(state["env"])
         self.test.generator.set_state(state["ipt_generator"])
         torch.set_rng_state(state["rng"])

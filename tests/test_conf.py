@@ -12,7 +12,7 @@ from dore import build
 from dore.paths import conf_dir
 from dore.session import trainer_of
 
-GROUPS = ("layout", "reach", "instances", "env", "network", "agent", "buffer", "exploration", "optimizer")
+GROUPS = ("layout", "reach", "instances", "env", "network", "agent", "buffer", "exploration", "optimizer", "column")
 SMALL = ("instances.validation_size=20", "instances.test_size=20", "ipt.batch_size=20", "env.num_envs=4", "logger=none")
 
 
@@ -41,8 +41,13 @@ def test_every_option_trains(option):
 
 @pytest.mark.parametrize("experiment", options("experiment"))
 def test_every_experiment_builds(experiment):
-    train_size = ["instances.train_size=50"] if experiment.startswith("paper/") else []
+    train_size = ["instances.train_size=50"] if experiment.startswith(("paper/", "ablation/")) else []
     trainer_of(compose("train", [f"experiment={experiment}", *train_size, *SMALL]))
+
+
+@pytest.mark.parametrize("paper", options("paper"))
+def test_every_column_of_table_5_builds(paper):
+    trainer_of(compose("train", [f"paper={paper}", "instances.train_size=50", *SMALL]))
 
 
 @pytest.mark.parametrize("planner", options("planner"))
@@ -51,6 +56,15 @@ def test_every_planner_builds(planner):
     reach = build.reach_of(build.world_of(cfg, None), "cpu")
     (made,) = build.planners_of(cfg, reach)
     assert made.name == planner
+
+
+EXECUTE_GROUPS = ("arm", "objects", "camera", "eye", "disturbance")
+
+
+@pytest.mark.parametrize("option", [f"{group}={name}" for group in EXECUTE_GROUPS for name in options(group)])
+def test_every_option_of_an_execution_builds(option):
+    group = option.partition("=")[0]
+    build.make(compose("execute", [option])[group], group)
 
 
 def test_every_config_file_explains_itself():

@@ -15,9 +15,8 @@ import torch
 
 from dore import session
 from dore.checkpoint import load_checkpoint, load_model
-from dore.cli import short_name
 from dore.errors import InputError
-from dore.training import Budget, LinearEpsilon
+from dore.training import Budget, Diverged, LinearEpsilon
 from tests.commands import TINY, run
 
 TIMES = ("seconds", "env_steps_per_s")
@@ -179,30 +178,44 @@ def test_a_run_leaves_its_files(tmp_path):
     assert config["layout"]["rows"] == 3
 
 
-def test_a_sweep_gives_each_job_its_own_folder(tmp_path):
-    assert run("train", ["-m", *TINY, "seed=0,1", f"hydra.sweep.dir={tmp_path}"]) == 0
-    folders = [path.parent for path in tmp_path.glob("*/done.json")]
-    assert len(folders) == 2
-    assert all(len(folder.name) <= 120 for folder in folders)
-
-
-def test_a_sweep_goes_on_after_a_broken_job(tmp_path):
-    assert run("train", ["-m", *TINY, "agent.gamma=5,0.8", f"hydra.sweep.dir={tmp_path}"]) == 2
-    (done,) = tmp_path.glob("*/done.json")
-    assert "gamma=0.8" in done.parent.name
-
-
-def test_short_names_differ(tmp_path):
-    folders = [tmp_path / short_name("a" * 200 + end) for end in "xy"]
-    assert folders[0] != folders[1]
-
-
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(session.Trainer, "_update", lambda self: torch.tensor(float("nan")))
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "the loss is nan" in said
     assert "checkpoint" in said
+
+
+def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
+    """An update may spoil the weights after its loss was fine."""
+    update = session.Trainer._update
+
+    def spoilt(self):
+        loss = update(self)
+        if self.progress.updates > 40:
+            next(self.agent.networks.parameters()).data.fill_(float("inf"))
+        return loss
+
+    monkeypatch.setattr(session.Trainer, "_update", spoilt)
+    monkeypatch.setattr(session.Trainer, "_diverged", lambda self, what: Diverged(what))
+    assert (
+        run("train", [*TINY, "training.updates_per_step=1", "checkpoint_minutes=1e-9", f"run_dir={tmp_path / 'run'}"])
+        == 1
+    )
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "a weight is no longer finite" in said
+    kept = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
+    assert all(bool(value.isfinite().all()) for value in kept.values())
+
+
+def test_a_batch_that_does_not_fit_names_its_key(tmp_path, capsys, monkeypatch):
+    def full(self):
+        raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 MiB.")
+
+    monkeypatch.setattr(session.Trainer, "_update", full)
+    assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert said == "dore-train: training.batch_size: 8 takes more memory than there is, want less"
 
 
 def test_epsilon_falls_linearly():

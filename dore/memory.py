@@ -1,0 +1,33 @@
+"""Running out of memory, said in one line with the key to lower."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+
+from dore.errors import InputError
+
+# What torch's CPU allocator says on Linux and on other systems, and the C library's own words.
+REFUSALS = ("can't allocate memory", "not enough memory", "Cannot allocate memory")
+
+
+class OutOfMemory(InputError):
+    """Something in the config takes more memory than there is: names the key to lower, and its value."""
+
+
+@contextmanager
+def memory_for(key: str, value: object) -> Iterator[None]:
+    """What the block allocates grows with a config's key.
+
+    Raises:
+        OutOfMemory: it did not fit, on the CPU or on a CUDA device.
+    """
+    try:
+        yield
+    except (MemoryError, RuntimeError) as error:
+        told = isinstance(error, MemoryError | torch.OutOfMemoryError) or any(word in str(error) for word in REFUSALS)
+        if not told:
+            raise
+        raise OutOfMemory(f"{key}: {value} takes more memory than there is, want less") from None
