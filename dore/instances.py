@@ -107,11 +107,14 @@ class InstanceSet:
         whole("instances: how many", n, 1)
         fresh = FreshInstances(reach, difficulty, split, seed)
         found = torch.empty(0, reach.n_words + 1, dtype=torch.int64, device=reach.device)
-        stale = 0
+        stale, draws = 0, 1
         while len(found) < n and stale < PATIENCE:
-            board, target = fresh.candidates()
-            longer = _first_of_each(torch.cat([found, torch.cat([board, target[:, None]], -1)]))
-            stale = stale + 1 if len(longer) == len(found) else 0
+            drawn = [
+                torch.cat([board, target[:, None]], -1) for board, target in (fresh.candidates() for _ in range(draws))
+            ]
+            longer = _first_of_each(torch.cat([found, *drawn]))
+            # Twice as many each time, so that sorting them out takes time in proportion to their number.
+            stale, draws = (stale + draws, 1) if len(longer) == len(found) else (0, 2 * draws)
             found = longer
         if len(found) < n:
             raise InputError(f"instances: asked for {n} different ones of the {split} split, there are {len(found)}")
