@@ -26,9 +26,10 @@ from dore.instances import InstanceSet
 from dore.plan import PlanFile, Scene
 from dore.run_folder import commit
 from dore.sim.collision import CollisionChecker
+from dore.sim.command import stage_of
 from dore.sim.execute import execute
 from dore.sim.kinematics import ArmKinematics
-from dore.sim.stage import CONTROL_S, Stage
+from dore.sim.stage import CONTROL_S
 from dore.tables import Table, as_markdown
 from scripts.executions import composed, solvable_scenes
 
@@ -88,7 +89,7 @@ def main() -> None:
 
 
 def _together(scenes: list[Scene], processes: int) -> tuple[float, list[Timing]]:
-    """Wall seconds until the last of some processes is through with all scenes, and each one's own times."""
+    """Wall seconds of the plans of the slowest of some processes, which begin together, and each one's own times."""
     context = multiprocessing.get_context("spawn")
     start = context.Barrier(processes)
     with context.Pool(processes, initializer=_begin, initargs=(start,)) as pool:
@@ -107,7 +108,7 @@ def _carry_out(scenes: list[Scene]) -> Timing:
     for name, (owner, method) in PARTS.items():
         setattr(owner, method, _timed(getattr(owner, method), name, parts))
     cfg = composed(("planner=exact",))
-    stage = Stage(*(build.make(cfg[name], name) for name in ("arm", "objects", "camera")), seed=0, film=False)
+    stage = stage_of(cfg, film=False)
     reach = build.reach_of(cfg, "cpu")
     planner, seconds = build.planner_of(cfg, reach), []
     plans = [PlanFile(scene, reach, planner.plan(InstanceSet.of_scene(reach, scene))[0]) for scene in scenes]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from dore import build
-from dore.errors import InputError, whole
+from dore.errors import InputError, atomic_write, whole
 from dore.instances import InstanceSet
 from dore.paths import conf_dir
 from dore.plan import PlanFile, Scene, Status
@@ -30,13 +29,13 @@ from dore.planners.label import label
 from dore.sampling import Difficulty
 from dore.sim.arm import render_backend
 from dore.sim.closed_execution import execute_closed
-from dore.sim.closed_loop import Loop
+from dore.sim.command import loop_of, planner_of, stage_of
 from dore.sim.config import preset
 from dore.sim.execute import execute
 from dore.sim.eye import Eye
-from dore.sim.outcome import Outcome
-from dore.sim.stage import REPORT_NAME, Stage
+from dore.sim.stage import REPORT_NAME
 
+ARGUMENTS = "arguments.json"
 _KEPT: list[Any] = []
 
 
@@ -52,6 +51,7 @@ class Job:
 def main(arguments: list[str] | None = None) -> None:
     """Run what is not done yet."""
     chosen = _arguments(arguments)
+    _note_arguments(chosen)
     jobs = [job for obstacles in chosen.obstacles for job in _jobs(chosen, obstacles)]
     todo = [job for job in jobs if not finished(job.folder)]
     print(f"{len(jobs) - len(todo)} of {len(jobs)} executions are done in {chosen.out}")
@@ -83,6 +83,23 @@ def _arguments(given: list[str] | None) -> argparse.Namespace:
     except (InputError, ValueError) as error:
         parser.error(str(error))
     return chosen
+
+
+def _note_arguments(chosen: argparse.Namespace) -> None:
+    """What the runs are, for the page; a folder holds runs of one kind.
+
+    Raises:
+        InputError: the folder holds others.
+    """
+    kind = {name: value for name, value in vars(chosen).items() if name not in ("out", "workers", "obstacles", "runs")}
+    file = chosen.out / ARGUMENTS
+    if file.exists():
+        if json.loads(file.read_text()) != kind:
+            raise InputError(f"{chosen.out}: holds executions of another kind, {file} says which")
+        return
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    with atomic_write(file) as opened:
+        json.dump(kind, opened, indent=2)
 
 
 def finished(folder: Path) -> bool:
@@ -136,43 +153,24 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
 def _keep_rendering() -> None:
     """One environment stays open in each process: without any, the next one compiles its shaders again, 10 s."""
     cfg = composed(())
-    stage = _stage(cfg)
-    env = stage.environment(
-        build.make(cfg.layout, "layout"), stage.bodies(1), render_backend(), eye=preset("eye/kinect")
-    )
+    stage, eye = stage_of(cfg, film=False), preset("eye/kinect")
+    env = stage.environment(build.make(cfg.layout, "layout"), stage.bodies(1), render_backend(), eye=eye)
     env.reset(options={"cells": [0]})
-    Eye(preset("eye/kinect"), 0).look(env)
+    Eye(eye, 0).look(env)
     _KEPT.append(env)
-
-
-def _stage(cfg: DictConfig) -> Stage:
-    arm, objects, camera = (build.make(cfg[name], name) for name in ("arm", "objects", "camera"))
-    return Stage(arm, objects, camera, cfg.seed, film=False)
 
 
 def _carry_out(job: Job) -> None:
     """One execution, in a process of its own, on one thread."""
-    os.environ["OMP_NUM_THREADS"] = "1"
     torch.set_num_threads(1)
     cfg = composed(job.overrides)
-    stage = _stage(cfg)
-    reach = build.reach_of(cfg, "cpu", job.scene.layout)
-    planner = build.planner_of(cfg, reach)
+    stage, reach = stage_of(cfg, film=False), build.reach_of(cfg, "cpu", job.scene.layout)
     shutil.rmtree(job.folder, ignore_errors=True)
     if cfg.loop == "closed":
-        parts = (build.make(cfg[name], name) for name in ("eye", "disturbance", "limits"))
-        loop = Loop(planner.name, lambda seen: planner.plan(InstanceSet.of_scene(reach, seen))[0], reach, *parts)
-        execute_closed(job.scene, loop, stage, job.folder)
-        return
-    (plan,) = planner.plan(InstanceSet.of_scene(reach, job.scene))
-    if plan.status is Status.SOLVED:
-        execute(PlanFile(job.scene, reach, plan), stage, job.folder)
-        return
-    report = stage.report(job.scene, stage.bodies(1 + len(job.scene.obstacles)), planner.name)
-    report.outcome, report.refused, report.finished = Outcome.NO_PLAN, True, True
-    report.message = f"refused: {planner.name}: {plan.status} ({plan.reason})"
-    job.folder.mkdir(parents=True)
-    report.write(job.folder / REPORT_NAME)
+        execute_closed(job.scene, loop_of(cfg, reach), stage, job.folder)
+    else:
+        _, plan = planner_of(cfg, reach)
+        execute(PlanFile(job.scene, reach, plan(job.scene)), stage, job.folder)
 
 
 if __name__ == "__main__":

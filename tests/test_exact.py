@@ -211,7 +211,7 @@ def test_a_big_board_stays_near_its_memory_cap() -> None:
 @pytest.mark.parametrize("key", ["max_nodes", "max_seconds", "max_memory_mb"])
 @pytest.mark.parametrize("value", [0, -1, float("nan"), "many"])
 def test_bad_budgets_are_one_line(key: str, value: float) -> None:
-    with pytest.raises(InputError, match=rf"^planner\.exact\.{key}: got [^\n]*$"):
+    with pytest.raises(InputError, match=rf"^planners\.exact\.{key}: got [^\n]*$"):
         exact(wide_hand(3, 3), **{key: value})
 
 

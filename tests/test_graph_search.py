@@ -98,7 +98,7 @@ def test_a_tiny_budget_gives_up(budget: dict[str, float], reason: str) -> None:
 @pytest.mark.parametrize("key", ["max_nodes", "max_seconds"])
 @pytest.mark.parametrize("value", [0, -1, "many"])
 def test_bad_budgets_are_one_line(key: str, value: float) -> None:
-    with pytest.raises(InputError, match=rf"^planner\.graph_search\.{key}: got [^\n]*$"):
+    with pytest.raises(InputError, match=rf"^planners\.graph_search\.{key}: got [^\n]*$"):
         graph_search(wide_hand(3, 3), **{key: value})
 
 

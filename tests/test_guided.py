@@ -116,7 +116,7 @@ def test_little_memory_gives_up(ignorant):
 
 @pytest.mark.parametrize("key", list(KEYS))
 def test_bad_keys_are_one_line(key):
-    with pytest.raises(InputError, match=rf"^planner\.guided\.{key}: got [^\n]*$"):
+    with pytest.raises(InputError, match=rf"^planners\.guided\.{key}: got [^\n]*$"):
         guided(wide_hand(3, 3), **{key: -1})
 
 

@@ -19,7 +19,7 @@ from dore.plan import Move, Plan, PlanFile, Scene, Status, replay
 from dore.reach import Reach
 from dore.sim.arm import render_backend
 from dore.sim.config import preset
-from dore.sim.execute import execute, rehearse
+from dore.sim.execute import conclude, execute, rehearse
 from dore.sim.motion import Operator
 from dore.sim.outcome import Outcome
 from dore.sim.rehearsal import Refused, tasks_of
@@ -69,6 +69,8 @@ def test_fig7_report_says_what_each_move_did(fig7):
     assert [(m["pick"], m["place"]) for m in fig7["moves"]] == [(16, 18), (3, 12), (9, 17), (15, None)]
     for move in fig7["moves"]:
         assert move["outcome"] == "done"
+        assert len(move["moved_mm"]) == 6
+        assert 5.0 < move["grasp_margin_mm"] < 18.0
         assert move["others_moved_mm"] < 1.0
         assert move["tilt_deg"] < 2.0
         assert 2.0 < move["simulated_s"] < 30.0
@@ -130,13 +132,56 @@ def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(
     assert report.moves == []
 
 
-def test_an_unsolved_plan_and_low_objects_are_bad_input(tmp_path):
-    plan = Plan(Status.GAVE_UP, (), None, "test", 0.0)
-    with pytest.raises(InputError, match=r"plan\.status"):
-        execute(PlanFile(FIG7, REACH, plan), stage(), tmp_path / "none")
+def test_an_unsolved_plan_is_refused_and_low_objects_are_bad_input(tmp_path):
+    plan = Plan(Status.GAVE_UP, (), None, "test", 0.0, reason="node budget")
+    report = execute(PlanFile(FIG7, REACH, plan), stage(), tmp_path)
+    assert report.refused
+    assert report.outcome is Outcome.NO_PLAN
+    assert report.message == "refused: test: gave_up (node budget)"
     with pytest.raises(InputError, match=r"objects\.height_m"):
         stage(objects=replace(OBJECTS, height_m=(0.05, 0.06)))
-    assert not (tmp_path / "none").exists()
+
+
+def test_an_interrupted_execution_leaves_a_report_that_says_so(tmp_path, monkeypatch):
+    run = Operator.run
+
+    def interrupted(self, task):
+        if task.name.startswith("move 2"):
+            raise KeyboardInterrupt
+        return run(self, task)
+
+    monkeypatch.setattr(Operator, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        execute(FIG7_PLAN, stage(), tmp_path)
+    report = json.loads((tmp_path / REPORT_NAME).read_text())
+    assert report["outcome"] == "incomplete"
+    assert not report["finished"]
+    assert not report["success"]
+    assert [move["name"] for move in report["moves"]] == ["move 1 (16 to 18)"]
+
+
+def test_a_move_s_end_is_not_enough(tmp_path, monkeypatch):
+    """Every motion ends well, and an object has fallen meanwhile: not done."""
+    conclude_ = conclude
+
+    def after_an_accident(operator, report):
+        operator._task.objects[1].set_pose(sapien.Pose(p=[0.9, 0.3, 0.03], q=[0.5**0.5, 0.5**0.5, 0, 0]))
+        conclude_(operator, report)
+
+    monkeypatch.setattr("dore.sim.execute.conclude", after_an_accident)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(), tmp_path)
+    assert report.outcome is Outcome.INCOMPLETE
+    assert "not met: all_upright" in report.message
+
+
+def test_jittered_and_turned_objects_are_carried_out(tmp_path):
+    one, two = (stage(jitter_m=0.01, turned=turned).placing(FIG7) for turned in (False, True))
+    far = np.linalg.norm(one["offsets_m"], axis=1)
+    assert (far <= 0.01).all()
+    assert (far > 0).all()
+    assert (one["yaws_rad"] == 0).all()
+    assert len(set(two["yaws_rad"])) == 7
+    assert execute(FIG7_PLAN, stage(jitter_m=0.01, turned=True), tmp_path).success
 
 
 @pytest.mark.parametrize(
@@ -147,6 +192,7 @@ def test_an_unsolved_plan_and_low_objects_are_bad_input(tmp_path):
         (1, [0.56, 0.30, 0.076], 80, Outcome.DROPPED),  # taken out of the hand
         (0, [0.80, 0.33, 0.076], 30, Outcome.PUSHED),  # another object shifted within its cell
         (0, [0.895, 0.30, 0.03], 30, Outcome.TOPPLED),  # or laid down
+        (1, None, 80, Outcome.SLIPPED),  # pulled down a little in the hand
     ],
 )
 def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
@@ -162,8 +208,10 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
     def disturb() -> None:
         nonlocal steps
         if steps == after_steps:
-            lying = [0.5**0.5, 0.5**0.5, 0, 0] if to[2] < 0.05 else [1, 0, 0, 0]
-            env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to, q=lying))
+            here = env.unwrapped.objects[moved].pose
+            pulled = sapien.Pose(p=here.p[0].numpy() - [0, 0, 0.009], q=here.q[0].numpy())
+            lying = [0.5**0.5, 0.5**0.5, 0, 0] if to and to[2] < 0.05 else [1, 0, 0, 0]
+            env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to, q=lying) if to else pulled)
         steps += 1
 
     if after_steps == 0:
@@ -173,6 +221,19 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
     senses = Truth(env.unwrapped, rehearsal)
     assert Operator(env, rehearsal, senses, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
     env.close()
+
+
+def test_what_is_put_down_elsewhere_is_misplaced(tmp_path, monkeypatch):
+    placed = Truth.placed
+
+    def kicked(self, task):
+        self._task.objects[task.body].set_pose(sapien.Pose(p=[0.68, 0.20, 0.076]))
+        return placed(self, task)
+
+    monkeypatch.setattr(Truth, "placed", kicked)
+    report = execute(FIG7_PLAN, stage(), tmp_path)
+    assert report.outcome is Outcome.MISPLACED
+    assert len(report.moves) == 1
 
 
 def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):

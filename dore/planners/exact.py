@@ -56,9 +56,9 @@ class Exact:
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float, max_memory_mb: float) -> None:
         self.reach = reach
         self.budget = Budget(
-            nodes=whole("planner.exact.max_nodes", max_nodes, 1),
-            seconds=number("planner.exact.max_seconds", max_seconds, above=0.0),
-            megabytes=number("planner.exact.max_memory_mb", max_memory_mb, above=0.0),
+            nodes=whole("planners.exact.max_nodes", max_nodes, 1),
+            seconds=number("planners.exact.max_seconds", max_seconds, above=0.0),
+            megabytes=number("planners.exact.max_memory_mb", max_memory_mb, above=0.0),
         )
         self.relaxation = DeleteRelaxation(reach)
 

@@ -49,8 +49,8 @@ class GraphSearch:
 
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float) -> None:
         self.reach = reach
-        self.max_nodes = whole("planner.graph_search.max_nodes", max_nodes, 1)
-        self.max_seconds = number("planner.graph_search.max_seconds", max_seconds, above=0.0)
+        self.max_nodes = whole("planners.graph_search.max_nodes", max_nodes, 1)
+        self.max_seconds = number("planners.graph_search.max_seconds", max_seconds, above=0.0)
 
     def plan(self, batch: Batch) -> list[Plan]:
         """One plan an instance, worked out one by one; see `Planner`."""

@@ -92,13 +92,13 @@ class Guided:
         improve_seconds: float,
     ) -> None:
         self.reach = reach
-        self.agent = Learned(reach, model, max_moves=whole("planner.guided.max_moves", max_moves, 1)).agent
-        self.width = whole("planner.guided.width", width, 1)
-        self.max_nodes = whole("planner.guided.max_nodes", max_nodes, 1)
-        self.max_seconds = number("planner.guided.max_seconds", max_seconds, above=0.0)
+        self.agent = Learned(reach, model, max_moves=whole("planners.guided.max_moves", max_moves, 1)).agent
+        self.width = whole("planners.guided.width", width, 1)
+        self.max_nodes = whole("planners.guided.max_nodes", max_nodes, 1)
+        self.max_seconds = number("planners.guided.max_seconds", max_seconds, above=0.0)
         self.max_moves = max_moves
-        self.max_bytes = MEGABYTE * number("planner.guided.max_memory_mb", max_memory_mb, above=0.0)
-        self.improve_seconds = number("planner.guided.improve_seconds", improve_seconds, above=-1e-12)
+        self.max_bytes = MEGABYTE * number("planners.guided.max_memory_mb", max_memory_mb, above=0.0)
+        self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12)
         self.relaxation = DeleteRelaxation(reach)
 
     def plan(self, batch: Batch) -> list[Plan]:

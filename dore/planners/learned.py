@@ -34,7 +34,7 @@ class Learned:
 
     def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
         self.reach = reach
-        self.max_moves = whole("planner.learned.max_moves", max_moves, 1)
+        self.max_moves = whole("planners.learned.max_moves", max_moves, 1)
         self._file = SHIPPED if model is None else path_of("model", model)
         self._weights, self._config = load_model(self._file)
         self.agent = self.copy_of_agent()

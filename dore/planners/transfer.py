@@ -72,14 +72,14 @@ class Transfer:
         self.base = Learned(reach, model, max_moves)
         self.relaxation = DeleteRelaxation(reach)
         self.max_moves = max_moves
-        self.seed = seed_of("planner.transfer.seed", seed)
-        self.lr = number("planner.transfer.lr", lr, above=0.0)
-        number("planner.transfer.epsilon", epsilon, above=0.0, at_most=1.0)
+        self.seed = seed_of("planners.transfer.seed", seed)
+        self.lr = number("planners.transfer.lr", lr, above=0.0)
+        number("planners.transfer.epsilon", epsilon, above=0.0, at_most=1.0)
         self.epsilon = LinearEpsilon(epsilon, epsilon, anneal_steps=1)
         self.budget = Budget(
             min_episodes=0,
             max_episodes=max_episodes,
-            max_minutes=number("planner.transfer.max_seconds", max_seconds, above=0.0) / 60,
+            max_minutes=number("planners.transfer.max_seconds", max_seconds, above=0.0) / 60,
             batch_size=batch_size,
             updates_per_step=4,
             learning_starts=2 * NUM_ENVS,

@@ -29,14 +29,20 @@ def execute_closed(scene: Scene, loop: Loop, stage: Stage, out_dir: Path) -> Exe
         out_dir: made if it is not there.
 
     Raises:
-        InputError: nothing can render here, so that nothing can be seen.
+        InputError: nothing can render here, so that nothing can be seen; the camera does not see every cell; no room
+            for what the disturbance puts in.
         OSError: `out_dir` cannot be written.
     """
     if render_backend() == "none":
         raise InputError("loop: closed needs a camera, and no Vulkan driver is here; see scripts/install_lavapipe.sh")
+    loop.eye.check_sees(scene.layout)
+    room = scene.layout.n_cells - 1 - len(scene.obstacles)
+    spare = loop.disturbance.spare_objects
+    if spare > room:
+        raise InputError(f"disturbance: puts in {spare} more, and the scene has {room} cells left")
     started = time.perf_counter()
     out_dir.mkdir(parents=True, exist_ok=True)
-    bodies = stage.bodies(1 + len(scene.obstacles) + loop.disturbance.spare_objects)
+    bodies = stage.bodies(1 + len(scene.obstacles) + spare)
     report = stage.report(scene, bodies, loop.planner)
     report.pictures = VIDEO_NAME if stage.film else "not asked for"
 
@@ -52,9 +58,9 @@ def execute_closed(scene: Scene, loop: Loop, stage: Stage, out_dir: Path) -> Exe
         bare = stage.environment(scene.layout, bodies, render_backend(), eye=loop.eye)
         env = Disturbed(bare, loop.disturbance)
         try:
-            env.reset(seed=stage.seed, options={"cells": [scene.target, *scene.obstacles]})
+            env.reset(seed=stage.seed, options=stage.placing(scene))
             with Video(env, out_dir / VIDEO_NAME, CONTROL_S, stage.film) as film:
-                run = ClosedLoop(env, loop, stage.kinematics(), report, save, film)
+                run = ClosedLoop(env, loop, stage.kinematics, report, save, film)
                 run.run()
                 conclude(run.operator, report)
                 if report.claimed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -85,7 +86,7 @@ class ClosedLoop:
         self._world: DoreTabletopEnv = env.unwrapped
         self._report, self._save, self._film = report, save, film
         self._eye, self._rng = Eye(loop.eye, report.seed), np.random.default_rng(report.seed)
-        self._moves = self._faults = 0
+        self._moves = self._faults = self._most_seen = 0
         self._touch = Touch(self._world)
         self.operator = Operator(env, self._rehearsal(()), self._touch, film.after_step)
 
@@ -108,7 +109,9 @@ class ClosedLoop:
                 expected = after_move(seen.scene, plan.moves[0]) if went_well else None
                 plan = replace(plan, moves=plan.moves[1:])
         except Refused as refusal:
-            self._report.outcome, self._report.message = refusal.outcome, f"stopped: {refusal}"
+            moved = bool(self._report.moves)
+            self._report.outcome, self._report.refused = refusal.outcome, not moved
+            self._report.message = f"{'stopped' if moved else 'refused'}: {refusal}"
             self._note("refusal", str(refusal))
 
     def _disturb(self) -> None:
@@ -118,22 +121,25 @@ class ClosedLoop:
             self._note("disturbance", done)
 
     def _look(self) -> Seen:
-        """What the camera sees; it looks again where it does not understand.
+        """What the camera sees; it looks again where it does not understand, or misses an object.
 
         Raises:
-            Refused: NOT_UNDERSTOOD.
+            Refused: NOT_UNDERSTOOD, MISSING.
         """
-        why = ""
+        outcome, why = Outcome.NOT_UNDERSTOOD, ""
         for _ in range(self._loop.limits.max_looks):
             try:
                 seen = Seen.of(self._eye.look(self._env), self._world.layout)
             except NotUnderstood as error:
-                why = error.reason
+                outcome, why = Outcome.NOT_UNDERSTOOD, error.reason
                 self._note("look", why)
                 continue
             self._note("look", seen.words, seen.scene)
-            return seen
-        raise Refused(Outcome.NOT_UNDERSTOOD, "the camera", why)
+            if len(seen.objects) >= self._most_seen:
+                self._most_seen = len(seen.objects)
+                return seen
+            outcome, why = Outcome.MISSING, f"{self._most_seen} objects were seen, and now {len(seen.objects)}"
+        raise Refused(outcome, "the camera", why)
 
     def _plan(self, seen: Seen) -> Plan:
         """The moves for what is seen.
@@ -154,8 +160,10 @@ class ClosedLoop:
         Raises:
             Refused: the plan cannot be carried out.
         """
+        began = time.perf_counter()
         self._begin(seen).play(tasks)
         self.operator.rehearsal = self._begin(seen)
+        self._report.rehearsal_s = round((self._report.rehearsal_s or 0.0) + time.perf_counter() - began, 3)
 
     def _begin(self, seen: Seen) -> Rehearsal:
         """Every object where, and as wide as, it is seen."""
@@ -173,7 +181,7 @@ class ClosedLoop:
         """One move, and the way back; whether, for all that the hand can feel, it went well.
 
         Raises:
-            Refused: out of moves or faults, or the arm cannot go back.
+            Refused: out of moves or faults; or what the rehearsal just allowed cannot be done, and the arm stays.
         """
         if self._moves >= self._loop.limits.max_moves:
             raise Refused(Outcome.GAVE_UP, task.name, f"{self._moves} moves are made, limits.max_moves")
@@ -181,15 +189,8 @@ class ClosedLoop:
         panel = panel_of(seen.scene, self._loop.reach, task, self._moves)
         self._film.show(f"move {self._moves}: {panel.words}" if panel.move else panel.words, panel)
         operator, meter = self.operator, MoveMeter(self._world, self.operator.simulated_s)
-        try:
-            outcome = operator.run(task)
-        except Refused as refusal:
-            outcome = refusal.outcome
-            self._note("refusal", str(refusal))
-            if operator.holding:
-                operator.put_down(_back(task))
-        index = meter.nearest(seen.objects[task.body].xy)
-        self._report.moves.append(meter.read(task, index, outcome, operator.simulated_s))
+        outcome, aimed = operator.run(task), seen.objects[task.body].xy
+        self._report.moves.append(meter.read(task, meter.nearest(aimed), outcome, operator.simulated_s, aimed))
         still = f"move_{self._moves}" if panel.move else "target"
         if outcome is Outcome.DONE:
             self._film.tell(f"{panel.words}: done", still=still)
@@ -226,8 +227,3 @@ class ClosedLoop:
         self._report.events.append({"simulated_s": round(self.operator.simulated_s, 3), "event": kind, "text": text})
         self._save()
         self._film.tell(f"{kind}: {text}", Panel(scene, self._loop.reach) if scene is not None else None, still)
-
-
-def _back(task: MoveTask) -> MoveTask:
-    """Put what is held back where it was."""
-    return replace(task, place_cell=task.pick_cell, place_direction_deg=task.pick_direction_deg)

@@ -9,7 +9,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from dore import build, run_folder
-from dore.errors import InputError, path_of, seed_of
+from dore.errors import InputError, path_of, seed_of, whole
 from dore.instances import InstanceSet, random_scene
 from dore.plan import Plan, PlanFile, Scene, Status
 from dore.plan_files import read_plan, read_scene
@@ -35,9 +35,7 @@ def execute(cfg: DictConfig) -> int:
     if (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
     build.use_threads(cfg.threads)
-    arm, camera, objects = (build.make(cfg[name], name) for name in ("arm", "camera", "objects"))
-    stage = Stage(arm, objects, camera, seed_of("seed", cfg.seed), cfg.video == "auto")
-    work = (_closed if cfg.loop == "closed" else _open)(cfg, stage)
+    work = (_closed if cfg.loop == "closed" else _open)(cfg, stage_of(cfg, film=cfg.video == "auto"))
     with run_folder.claimed(cfg.run_dir, worth=REPORT_NAME) as folder:
         report = work(folder)
     _print_report(report, folder)
@@ -46,19 +44,35 @@ def execute(cfg: DictConfig) -> int:
     return OK if report.success else FAULT
 
 
+def stage_of(cfg: DictConfig, film: bool) -> Stage:
+    """Arm, objects and camera of a composed config."""
+    arm, objects, camera = (build.make(cfg[name], name) for name in ("arm", "objects", "camera"))
+    return Stage(arm, objects, camera, seed_of("seed", cfg.seed), film, cfg.jitter_m, cfg.turned)
+
+
+def loop_of(cfg: DictConfig, reach: Reach) -> Loop:
+    """What closes the loop of a composed config."""
+    eye, disturbance, limits = (build.make(cfg[name], name) for name in ("eye", "disturbance", "limits"))
+    return Loop(*planner_of(cfg, reach), reach, eye, disturbance, limits)
+
+
+def planner_of(cfg: DictConfig, reach: Reach) -> tuple[str, Callable[[Scene], Plan]]:
+    """The planner's name, and its plan for a scene."""
+    planner = build.planner_of(cfg, reach)
+    return planner.name, lambda scene: planner.plan(InstanceSet.of_scene(reach, scene))[0]
+
+
 Work = Callable[[Path], ExecutionReport]
 
 
 def _open(cfg: DictConfig, stage: Stage) -> Work:
     """A plan as it is, or one for the scene."""
-    if cfg.plan is not None:
-        plan_file = read_plan(path_of("plan", cfg.plan))
-    else:
-        scene, reach, plan_scene = _problem(cfg)
-        plan = plan_scene(scene)
-        if plan.status is not Status.SOLVED:
-            raise InputError(f"scene: {plan.planner} has no plan for it: {plan.status} ({plan.reason})")
-        plan_file = PlanFile(scene, reach, plan)
+    if cfg.plan is None:
+        scene, reach = _problem(cfg)
+        return partial(execute_plan, PlanFile(scene, reach, planner_of(cfg, reach)[1](scene)), stage)
+    plan_file = read_plan(path_of("plan", cfg.plan))
+    if plan_file.plan.status is not Status.SOLVED:
+        raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
     return partial(execute_plan, plan_file, stage)
 
 
@@ -66,25 +80,19 @@ def _closed(cfg: DictConfig, stage: Stage) -> Work:
     """The scene, which the arm has to see for itself."""
     if cfg.scene is None:
         raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
-    scene, reach, plan = _problem(cfg)
-    eye, disturbance, limits = (build.make(cfg[name], name) for name in ("eye", "disturbance", "limits"))
-    return partial(
-        execute_closed, scene, Loop(str(next(iter(cfg.planners))), plan, reach, eye, disturbance, limits), stage
-    )
+    scene, reach = _problem(cfg)
+    return partial(execute_closed, scene, loop_of(cfg, reach), stage)
 
 
-def _problem(cfg: DictConfig) -> tuple[Scene, Reach, Callable[[Scene], Plan]]:
-    """The scene, and what plans it, or another one of its layout, with which reach."""
-    if cfg.scene == "random":
-        reach = build.reach_of(cfg, "cpu")
-        difficulty = Difficulty(cfg.obstacles, cfg.obstacles)
-        difficulty.check_fits(reach.n_cells)
-        scene = random_scene(reach, difficulty, cfg.seed)
-    else:
+def _problem(cfg: DictConfig) -> tuple[Scene, Reach]:
+    """The scene, and the reach on its layout."""
+    if cfg.scene != "random":
         scene = read_scene(path_of("scene", cfg.scene))
-        reach = build.reach_of(cfg, "cpu", scene.layout)
-    planner = build.planner_of(cfg, reach)
-    return scene, reach, lambda seen: planner.plan(InstanceSet.of_scene(reach, seen))[0]
+        return scene, build.reach_of(cfg, "cpu", scene.layout)
+    reach, obstacles = build.reach_of(cfg, "cpu"), whole("obstacles", cfg.obstacles, 1)
+    if obstacles >= reach.n_cells:
+        raise InputError(f"obstacles: got {obstacles}, want at most {reach.n_cells - 1}, one cell less than there are")
+    return random_scene(reach, Difficulty(obstacles, obstacles), cfg.seed), reach
 
 
 def _print_report(report: ExecutionReport, folder: Path) -> None:
@@ -97,7 +105,7 @@ def _print_report(report: ExecutionReport, folder: Path) -> None:
             f"{move.simulated_s:.1f} simulated s"
         )
     print(report.message)
-    if report.pictures != report.video:
+    if report.pictures not in ("", report.video):
         print(report.pictures)
     made = [REPORT_NAME, *([report.video] if report.video else [])]
     print(f"{' and '.join(made)} {'is' if len(made) == 1 else 'are'} in {folder}")

@@ -6,7 +6,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-from dore.errors import InputError
 from dore.layout import Layout
 from dore.plan import PlanFile, Status, cell_id
 from dore.reach import Reach
@@ -28,10 +27,11 @@ _LAST_LOOK_STEPS = 20
 
 
 def execute(plan_file: PlanFile, stage: Stage, out_dir: Path) -> ExecutionReport:
-    """Carry out a solved plan in `DoreTabletop-v1` and write `execution.json` (and `execution.mp4`) to `out_dir`.
+    """Carry out a plan in `DoreTabletop-v1` and write `execution.json` (and `execution.mp4`) to `out_dir`.
 
     The whole plan is rehearsed in kinematics first; a plan that the arm cannot carry out is refused, and nothing
-    moves. A fault ends the execution at the move in which it was seen. The report is rewritten after each move.
+    moves; so is a plan that solves nothing. A fault ends the execution at the move in which it was seen. The report is
+    rewritten after each move.
 
     Args:
         plan_file: scene and plan; cells count from 0.
@@ -39,16 +39,15 @@ def execute(plan_file: PlanFile, stage: Stage, out_dir: Path) -> ExecutionReport
         out_dir: made if it is not there.
 
     Raises:
-        InputError: a plan that is not solved.
         OSError: `out_dir` cannot be written.
     """
-    if plan_file.plan.status is not Status.SOLVED:
-        raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
     started = time.perf_counter()
     out_dir.mkdir(parents=True, exist_ok=True)
-    bodies = stage.bodies(1 + len(plan_file.scene.obstacles))
-    report = stage.report(plan_file.scene, bodies, plan_file.plan.planner)
+    plan, bodies = plan_file.plan, stage.bodies(1 + len(plan_file.scene.obstacles))
+    report = stage.report(plan_file.scene, bodies, plan.planner)
     try:
+        if plan.status is not Status.SOLVED:
+            raise Refused(Outcome.NO_PLAN, plan.planner, f"{plan.status} ({plan.reason})")
         check_reach(plan_file.scene.layout, plan_file.reach, stage)
         rehearsal = rehearse(plan_file, stage, bodies)
     except Refused as refusal:
@@ -59,6 +58,7 @@ def execute(plan_file: PlanFile, stage: Stage, out_dir: Path) -> ExecutionReport
         backend, report.pictures = stage.pictures()
         env = stage.environment(plan_file.scene.layout, bodies, backend)
         try:
+            env.reset(seed=stage.seed, options=stage.placing(plan_file.scene))
             _perform(env, rehearsal, plan_file, report, out_dir)
         finally:
             env.close()
@@ -74,7 +74,7 @@ def check_reach(layout: Layout, planned: Reach, stage: Stage) -> None:
     Raises:
         Refused: the arm cannot reach cells of the layout, or the plan is for another reach: which cells, or lanes.
     """
-    kinematics = stage.kinematics()
+    kinematics = stage.kinematics
     own = arm_reach(stage.arm, stage.objects, layout, kinematics)
     far = cells_out_of_reach(layout, own, kinematics)
     if far:
@@ -96,7 +96,7 @@ def rehearse(plan_file: PlanFile, stage: Stage, bodies: tuple[Body, ...]) -> Reh
     Raises:
         Refused: naming the move, the reason and what is in the way.
     """
-    scene, layout, kinematics = plan_file.scene, plan_file.scene.layout, stage.kinematics()
+    scene, layout, kinematics = plan_file.scene, plan_file.scene.layout, stage.kinematics
     checker = CollisionChecker(kinematics, bodies, layout.front_m - TABLE_OVERHANG_M)
     rehearsal = Rehearsal(layout, kinematics, checker, CONTROL_S)
     rehearsal.begin(scene)
@@ -107,21 +107,21 @@ def rehearse(plan_file: PlanFile, stage: Stage, bodies: tuple[Body, ...]) -> Reh
 def _perform(env: Any, rehearsal: Rehearsal, plan_file: PlanFile, report: ExecutionReport, out_dir: Path) -> None:
     """Run the moves until one does not end well; the report is rewritten after each."""
     report.write(out_dir / REPORT_NAME)  # an interrupted execution leaves a report that says so
-    env.reset(seed=report.seed, options={"cells": [plan_file.scene.target, *plan_file.scene.obstacles]})
     with Video(env, out_dir / VIDEO_NAME, CONTROL_S, report.pictures == VIDEO_NAME) as film:
         world: DoreTabletopEnv = env.unwrapped
         operator = Operator(env, rehearsal, Truth(world, rehearsal), film.after_step)
-        report.outcome = Outcome.DONE
+        outcome = Outcome.DONE
         tasks = tasks_of(plan_file.scene, plan_file.plan)
         for task, panel in zip(tasks, panels_of(plan_file.scene, plan_file.reach, plan_file.plan), strict=True):
             moving = panel.move is not None
             film.show(f"move {panel.number} of {len(tasks) - 1}: {panel.words}" if moving else panel.words, panel)
-            _run_move(operator, task, MoveMeter(world, operator.simulated_s), report)
+            outcome = _run_move(operator, task, MoveMeter(world, operator.simulated_s), report)
             film.tell(report.message, still=f"move_{panel.number}" if moving else "target")
             report.stills = film.stills
             report.write(out_dir / REPORT_NAME)
-            if report.outcome is not Outcome.DONE:
+            if outcome is not Outcome.DONE:
                 break
+        report.outcome = outcome
         operator.hold(_LAST_LOOK_STEPS)
         conclude(operator, report)
         if len(report.moves) == len(tasks):
@@ -129,14 +129,15 @@ def _perform(env: Any, rehearsal: Rehearsal, plan_file: PlanFile, report: Execut
     report.video = VIDEO_NAME if film.written else None
 
 
-def _run_move(operator: Operator, task: MoveTask, meter: MoveMeter, report: ExecutionReport) -> None:
+def _run_move(operator: Operator, task: MoveTask, meter: MoveMeter, report: ExecutionReport) -> Outcome:
     try:
-        report.outcome = operator.run(task)
-        report.message = f"{task.name}: {report.outcome}"
+        outcome = operator.run(task)
+        report.message = f"{task.name}: {outcome}"
     except Refused as refusal:
-        report.outcome, report.message = refusal.outcome, f"stopped: {refusal}"
-    report.moves.append(meter.read(task, task.body, report.outcome, operator.simulated_s))
+        outcome, report.message = refusal.outcome, f"stopped: {refusal}"
+    report.moves.append(meter.read(task, task.body, outcome, operator.simulated_s, aimed_xy=None))
     report.simulated_s = round(operator.simulated_s, 3)
+    return outcome
 
 
 def conclude(operator: Operator, report: ExecutionReport) -> None:

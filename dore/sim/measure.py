@@ -36,8 +36,13 @@ class MoveMeter:
         """The index of the object that stood nearest to a point, metres, when the meter was started."""
         return int(np.linalg.norm(self._before[:, :2] - xy, axis=1).argmin())
 
-    def read(self, task: MoveTask, index: int, outcome: Outcome, simulated_s: float) -> MoveReport:
-        """What became of the move of the object `index`."""
+    def read(
+        self, task: MoveTask, index: int, outcome: Outcome, simulated_s: float, aimed_xy: tuple[float, float] | None
+    ) -> MoveReport:
+        """What became of the move of the object `index`.
+
+        aimed_xy: where the hand took it to be, metres; None: where it was.
+        """
         after, layout = positions(self._task), self._task.layout
         moved = 1e3 * np.linalg.norm(after - self._before, axis=1)
         beside = (self._waiting | self._task.waiting()[0]).tolist()
@@ -53,21 +58,23 @@ class MoveMeter:
             placement_error_mm=error,
             others_moved_mm=max(others.values(), default=0.0),
             moved_mm=others,
-            grasp_margin_mm=round(1e3 * self._grasp_margin_m(task, index), 2),
+            grasp_margin_mm=round(1e3 * self._grasp_margin_m(task, index, aimed_xy), 2),
             tilt_deg=round(float(leaning_deg(self._task)[index]), 2),
             simulated_s=round(simulated_s - self._simulated_s, 3),
             wall_s=round(time.perf_counter() - self._wall, 3),
         )
 
-    def _grasp_margin_m(self, task: MoveTask, index: int) -> float:
-        """Room between the open fingers and the object, on the tighter side."""
+    def _grasp_margin_m(self, task: MoveTask, index: int, aimed_xy: tuple[float, float] | None) -> float:
+        """Room between the open fingers and the object before they close, on the tighter side."""
         x, y = self._task.layout.cells[task.pick_cell]
         heading = math.atan2(y, x) + math.radians(task.pick_direction_deg)
         body, turned = self._task.bodies[index], self._yaw[index] - heading
+        off = np.zeros(2) if aimed_xy is None else self._before[index, :2] - aimed_xy
+        aside = abs(float(off[1]) * math.cos(heading) - float(off[0]) * math.sin(heading))
         half = body.half_width_m
         if body.shape == "cuboid":
             half *= abs(math.cos(turned)) + abs(math.sin(turned))
-        return self._task.arm.model.half_opening_m - half
+        return self._task.arm.model.half_opening_m - half - aside
 
 
 def _yaw(pose: Array) -> float:

@@ -37,7 +37,6 @@ class Operator:
         self.joints: Array = self._task.agent.arm_joints()[0].double().cpu().numpy()
         self._way_out: list[Array] = []
         """Commands that take the hand out of the grid, when it is in it and holds nothing that it should."""
-        self.holding = False
         self.steps = 0
 
     @property
@@ -83,7 +82,7 @@ class Operator:
         if outcome is not Outcome.DONE:
             return outcome
         self._follow(motions["withdraw"])
-        self._way_out, self.holding = [], True
+        self._way_out = []
         return self.senses.still_held(task.body)
 
     def put_down(self, task: MoveTask) -> Outcome:
@@ -123,7 +122,7 @@ class Operator:
         self._follow(self.rehearsal.park(self.joints))
 
     def _let_go(self) -> None:
-        self._gripper, self.holding = _OPEN, False
+        self._gripper = _OPEN
         self.hold(_RELEASE_STEPS)
 
     def _follow(self, commands: Array) -> None:

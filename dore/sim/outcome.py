@@ -31,6 +31,8 @@ class Outcome(StrEnum):
     """The moved object stands outside its cell."""
     NOT_UNDERSTOOD = "not_understood"
     """What the camera sees is no board with one target: two objects in a cell, one off the board, none green ..."""
+    MISSING = "missing"
+    """The camera sees fewer objects than before: one has left the table."""
     NO_PLAN = "no_plan"
     """The planner proves that what is seen cannot be solved, or gives up."""
     GAVE_UP = "gave_up"

@@ -20,7 +20,7 @@ class MoveReport:
     placement_error_mm: how far the object put down stands from its cell's centre; None where none was put down.
     others_moved_mm: how far the object that moved most, of those that should not, has moved.
     moved_mm: how far each of them has, by its place in `ExecutionReport.objects`, from 0.
-    grasp_margin_mm: room between the open fingers and the object, on the tighter side.
+    grasp_margin_mm: room between the open fingers and the object before they closed, on the tighter side.
     tilt_deg: how far the moved object leans.
     """
 
@@ -60,7 +60,7 @@ class ExecutionReport:
     events: list[dict[str, Any]] = field(default_factory=list)
     claimed: bool = False
     simulated_s: float = 0.0
-    rehearsal_s: float = 0.0
+    rehearsal_s: float | None = None
     wall_s: float = 0.0
     video: str | None = None
     stills: list[str] = field(default_factory=list)

@@ -51,11 +51,12 @@ def confirm(sightings: Sequence[Sighting], before: Scene) -> None:
     Raises:
         Refused: UNCONFIRMED.
     """
+    # What hangs in the hand, before the grid, is not on the board.
     on_board = [one for one in sightings if one.xy[0] > before.layout.front_m]
-    cells = sorted(cell_of(one, before.layout) or 0 for one in on_board if one.upright)
     if any(one.is_target for one in on_board):
         raise Refused(Outcome.UNCONFIRMED, "the camera", "the target still stands on the board")
-    if cells != sorted(before.obstacles) or len(cells) != len(on_board):
+    cells = [cell_of(one, before.layout) if one.upright else None for one in on_board]
+    if len(cells) != len(before.obstacles) or set(cells) != set(before.obstacles):
         raise Refused(Outcome.UNCONFIRMED, "the camera", "the obstacles do not stand where they stood")
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-from dore.errors import InputError, seed_of
+from dore.errors import InputError, flag, number, seed_of
 from dore.layout import Layout
 from dore.plan import Scene, cell_id
 from dore.sim.arm import render_backend
@@ -28,11 +29,12 @@ CONTROL_S = 0.05
 class Stage:
     """Arm, objects and the film's camera.
 
+    jitter_m: objects stand up to so far off the middle of their cells; turned: and turned by any angle.
     seed: of the objects' shapes and of the simulator; the same seed gives the same execution.
     film: whether to make pictures where a Vulkan driver exists.
 
     Raises:
-        InputError: a seed that is none, or objects lower than the grasp.
+        InputError: a seed that is none, a negative jitter, or objects lower than the grasp.
     """
 
     arm: ArmConfig
@@ -40,9 +42,13 @@ class Stage:
     camera: CameraConfig
     seed: int
     film: bool
+    jitter_m: float = 0.0
+    turned: bool = False
 
     def __post_init__(self) -> None:
         seed_of("seed", self.seed)
+        number("jitter_m", self.jitter_m, above=-1e-12, at_most=0.05)
+        flag("turned", self.turned)
         lowest, grasp = self.objects.height_m[0], self.arm.grasp_height_m
         if lowest <= grasp:
             raise InputError(f"objects.height_m: from {lowest:g}, want more than arm.grasp_height_m {grasp:g}")
@@ -51,6 +57,16 @@ class Stage:
         """So many objects, the target first."""
         return self.objects.draw(count, np.random.default_rng(self.seed))
 
+    def placing(self, scene: Scene) -> dict[str, Any]:
+        """Options of the environment's reset: where the scene's objects stand, the target first."""
+        cells, rng = [scene.target, *scene.obstacles], np.random.default_rng([self.seed, 1])
+        angle, far = rng.uniform(0, 2 * np.pi, len(cells)), self.jitter_m * np.sqrt(rng.uniform(size=len(cells)))
+        yaws = rng.uniform(-np.pi / 4, np.pi / 4, len(cells)) if self.turned else np.zeros(len(cells))
+        return {
+            "cells": cells, "offsets_m": np.column_stack([far * np.cos(angle), far * np.sin(angle)]), "yaws_rad": yaws,
+        }  # fmt: skip
+
+    @cached_property
     def kinematics(self) -> ArmKinematics:
         """The arm's.
 

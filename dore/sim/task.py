@@ -26,7 +26,7 @@ from dore.sim.config import ArmConfig, Body, CameraConfig, preset
 from dore.sim.description import arm_files
 from dore.sim.eye_config import EyeConfig
 from dore.sim.frames import Array
-from dore.sim.kinematics import ArmKinematics
+from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.scenery import build_object, build_surroundings, waiting_xy
 
 UPRIGHT_DEG = 10.0
@@ -65,9 +65,9 @@ class DoreTabletopEnv(BaseEnv):
         density_kg_m3: of the objects.
 
     Raises:
-        InputError: more objects than cells, an arm that is not known or needs the path of its description. `reset`:
-            options that are not one for each object, or not numbers; a cell named twice, or not of the layout; two
-            objects in one place.
+        InputError: more objects than cells, a layout out of the arm's reach, an arm that is not known or needs the
+            path of its description. `reset`: options that are not one for each object, or not numbers; a cell named
+            twice, or not of the layout; two objects in one place.
     """
 
     SUPPORTED_ROBOTS = None  # any arm that conf/arm describes
@@ -96,7 +96,10 @@ class DoreTabletopEnv(BaseEnv):
         self.objects: list[Any] = []
         self._shelf = torch.tensor([waiting_xy(index) for index in range(len(self.bodies))])
         kinematics = ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
-        self._ready_joints = kinematics.ready(self.layout.front_m - self.arm.staging_m).joints
+        try:
+            self._ready_joints = kinematics.ready(self.layout.front_m - self.arm.staging_m).joints
+        except Unreachable as error:
+            raise InputError(f"layout.front_m: {self.layout.front_m:g} m, out of the arm's reach: {error}") from None
         super().__init__(*args, robot_uids=agent_of(self.arm), **kwargs)
 
     @property
