@@ -88,6 +88,38 @@ def test_a_hand_too_low_touches_the_table(kinematics):
     assert contact.body is None
 
 
+def test_what_is_carried_meets_objects_table_and_the_arm(kinematics):
+    """Alone, so that nothing else of the arm is what is met."""
+    checker = CollisionChecker(kinematics, [WIDEST, WIDEST], LAYOUT.front_m - TABLE_OVERHANG_M)
+    _, path = follow(kinematics, 8, 0.0, ARM.grasp_height_m + ARM.lift_m)
+    assert checker.first_contact(path, {}, held=0) is None
+    # An object beside the end of the lane, which the carried one overlaps and the hand does not.
+    x, y = LAYOUT.cells[8]
+    contact = checker.first_contact(path, {1: Standing((x + 0.049, y))}, held=0)
+    assert contact is not None
+    assert (contact.part, contact.body) == ("carried object", 1)
+    _, low = follow(kinematics, 8, 0.0, ARM.grasp_height_m - 0.02)
+    assert checker.first_contact(low, {}) is None
+    contact = checker.first_contact(low, {}, held=0)
+    assert contact is not None
+    assert (contact.part, contact.other) == ("carried object", "table")
+    # As tall as the forearm is high, and held below it.
+    tall = CollisionChecker(kinematics, [Body("cuboid", 0.025, 0.45)], LAYOUT.front_m - TABLE_OVERHANG_M)
+    assert tall.first_contact(path, {}, held=0) is None
+    tall.grasp(0, -0.25, 0.0)
+    contact = tall.first_contact(path, {}, held=0)
+    assert contact is not None
+    assert (contact.part, contact.other) == ("carried object", "forearm")
+
+
+def test_an_arm_folded_onto_itself_is_told(kinematics):
+    checker = CollisionChecker(kinematics, [WIDEST], LAYOUT.front_m - TABLE_OVERHANG_M)
+    folded = np.array([[-0.29, 1.04, 0.0, -2.92, -0.55, 0.73, -2.37]])
+    contact = checker.first_contact(folded, {})
+    assert contact is not None
+    assert (contact.part, contact.other) == ("base", "forearm")
+
+
 def test_description_of_another_panda_is_refused():
     with pytest.raises(RuntimeError, match="panda_hand"):
         slim_urdf("<robot/>")

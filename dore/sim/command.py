@@ -107,5 +107,5 @@ def _print_report(report: ExecutionReport, folder: Path) -> None:
     print(report.message)
     if report.pictures not in ("", report.video):
         print(report.pictures)
-    made = [REPORT_NAME, *([report.video] if report.video else [])]
-    print(f"{' and '.join(made)} {'is' if len(made) == 1 else 'are'} in {folder}")
+    made = ", ".join([REPORT_NAME, *([report.video] if report.video else []), *report.stills])
+    print(f"in {folder}: {made}")

@@ -38,6 +38,7 @@ def jaco() -> ArmModel:
         hand_links=(_HAND, *(link for links in _FINGER_LINKS for link in links)),
         jaws=(_FINGER_LINKS[0], (*_FINGER_LINKS[1], *_FINGER_LINKS[2])),
         parts={
+            f"{_NAME}_link_base": "base", f"{_NAME}_link_1": "shoulder",
             f"{_NAME}_link_2": "upper arm", f"{_NAME}_link_3": "forearm", f"{_NAME}_link_4": "wrist",
             f"{_NAME}_link_5": "wrist", _HAND: "hand",
             **{link: f"finger {i}" for i, links in enumerate(_FINGER_LINKS, 1) for link in links},

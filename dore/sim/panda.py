@@ -44,6 +44,7 @@ def panda() -> ArmModel:
         hand_links=("panda_hand", "panda_leftfinger", "panda_rightfinger"),
         jaws=(("panda_leftfinger",), ("panda_rightfinger",)),
         parts={
+            "panda_link0": "base", "panda_link1": "shoulder", "panda_link2": "shoulder",
             "panda_link3": "upper arm", "panda_link4": "elbow", "panda_link5": "forearm", "panda_link6": "wrist",
             "panda_link7": "wrist", "panda_hand": "hand", "panda_leftfinger": "left finger",
             "panda_rightfinger": "right finger",
