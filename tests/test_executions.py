@@ -8,7 +8,7 @@ import json
 import pytest
 
 from dore.errors import InputError
-from scripts import execution_report, execution_time, executions
+from scripts import bench_execution, execution_report, execution_time, executions
 
 pytestmark = pytest.mark.sim
 
@@ -69,3 +69,12 @@ def test_execution_time_compares_the_same_scenes(folder, tmp_path):
 def test_too_few_scenes_are_bad_input():
     with pytest.raises(InputError, match=r"--runs: 20, but only 10 of 10"):
         executions.solvable_scenes(["exact"], 3, 20, 10, 7)
+
+
+@pytest.mark.slow
+def test_the_speed_page_is_made(tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr("sys.argv", ["bench_execution", "--plans", "1", "--out", str(tmp_path / "speed.md")])
+    bench_execution.main()
+    page = (tmp_path / "speed.md").read_text()
+    assert "simulated control steps a second" in page
+    assert "| inverse kinematics |" in page
