@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, get_args
 
 
 class InputError(ValueError):
@@ -41,6 +41,16 @@ def flag(name: str, value: object) -> bool:
     if not isinstance(value, bool):
         raise InputError(f"{name}: got {value!r}, want true or false")
     return value
+
+
+def one_of(name: str, value: object, options: object) -> None:
+    """Nothing, if `value` is an option of a Literal type.
+
+    Raises:
+        InputError: it is none of them.
+    """
+    if value not in get_args(options):
+        raise InputError(f"{name}: got {value!r}, want one of {', '.join(get_args(options))}")
 
 
 def path_of(name: str, value: object) -> Path:

@@ -15,7 +15,8 @@ from dore.rollout import Choose, greedy_rollout
 class TestResult:
     """success: share of the instances solved, over all batches. passed: every batch reached S_T.
 
-    rearrangements: mean moves over the solved instances; None where none was solved.
+    rearrangements: mean moves over the solved instances; None where none was solved. cost: over all, an instance that
+    is not solved counted as the step limit; the better of two models is the one with less.
     """
 
     __test__ = False
@@ -23,6 +24,7 @@ class TestResult:
     success: float
     passed: bool
     rearrangements: float | None
+    cost: float
 
 
 class PerformanceTest:
@@ -75,5 +77,6 @@ class PerformanceTest:
             solved += n_solved
             moves += int(rollout.n_moves[rollout.solved].sum())
             passed &= n_solved >= self.target_success * self.batch_size
-        share = solved / (self.n_batches * self.batch_size)
-        return TestResult(share, passed, moves / solved if solved else None)
+        n = self.n_batches * self.batch_size
+        cost = (moves + (n - solved) * self.max_moves) / n
+        return TestResult(solved / n, passed, moves / solved if solved else None, cost)

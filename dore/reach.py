@@ -69,6 +69,7 @@ class Reach:
         self.lanes = self._allowed_lanes()
         self.blockers = boards.pack(self._covered())
         self.blocking_sets = self._undominated()
+        self.blocking_cells = boards.unpack(self.blocking_sets, self.n_cells)
         self._reachable = self.lanes.any(-1)
         self._kernel: Callable[[Tensor, Tensor, Tensor], Tensor] = _free
 
@@ -91,7 +92,7 @@ class Reach:
         """The same reach with its table on `device`."""
         moved = object.__new__(Reach)
         moved.__dict__.update(self.__dict__)
-        for name in ("sectors_deg", "lanes", "blockers", "blocking_sets", "_reachable"):
+        for name in ("sectors_deg", "lanes", "blockers", "blocking_sets", "blocking_cells", "_reachable"):
             setattr(moved, name, getattr(self, name).to(device))
         moved.mirror = None if self.mirror is None else self.mirror.to(device)
         return moved

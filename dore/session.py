@@ -155,8 +155,9 @@ class Session:
             self._save_checkpoint()
 
     def _keep_best(self, tested: TestResult) -> None:
-        if tested.success >= self.trainer.progress.best_success:
-            self.trainer.progress.best_success = tested.success
+        progress = self.trainer.progress
+        if progress.best_cost is None or tested.cost <= progress.best_cost:
+            progress.best_success, progress.best_cost = tested.success, tested.cost
             self._save_model()
 
     def _log(self, progress: Progress, tested: TestResult | None) -> None:
@@ -196,4 +197,4 @@ class Session:
 
     def _save_model(self) -> None:
         """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
-        save_model(self.folder / MODEL_NAME, self.trainer.agent.networks.state_dict(), self.model_config)
+        save_model(self.folder / MODEL_NAME, self.trainer.averaged.weights(), self.model_config)

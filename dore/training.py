@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -17,8 +17,9 @@ from torchrl.objectives.utils import TargetNetUpdater
 
 from dore import keys
 from dore.agents.common import Agent
+from dore.averaging import AveragedWeights
+from dore.budget import Budget, LinearEpsilon
 from dore.env import RearrangeEnv
-from dore.errors import number, whole
 from dore.memory import memory_for
 from dore.performance import PerformanceTest, TestResult
 from dore.replay import buffer_state, compact, load_buffer, restore
@@ -39,63 +40,10 @@ class Ending(StrEnum):
     """Asked to stop; the checkpoint goes on from here."""
 
 
-@dataclass(frozen=True)
-class LinearEpsilon:
-    """Epsilon falls in a straight line over the first `anneal_steps` environment steps.
-
-    Raises:
-        InputError: a share outside [0, 1], or fewer than one step.
-    """
-
-    start: float
-    end: float
-    anneal_steps: int
-
-    def __post_init__(self) -> None:
-        number("exploration.start", self.start, above=-1e-12, at_most=1.0)
-        number("exploration.end", self.end, above=-1e-12, at_most=1.0)
-        whole("exploration.anneal_steps", self.anneal_steps, 1)
-
-    def __call__(self, env_steps: int) -> float:
-        """Epsilon after so many environment steps."""
-        done = min(1.0, env_steps / self.anneal_steps)
-        return self.start + done * (self.end - self.start)
-
-
-@dataclass(frozen=True)
-class Budget:
-    """When a run ends without passing, and how it learns on the way.
-
-    min_episodes: before so many no test ends the run: plans get shorter after success is high (paper: 0).
-    max_episodes: T_lim. max_minutes: of training, None for no limit.
-    batch_size: transitions an update. updates_per_step: updates after each step of all environments.
-    learning_starts: transitions in the buffer before the first update (Table 5's replay start size).
-    max_grad_norm: gradients are scaled down to this norm; None: never (the paper says nothing of it).
-
-    Raises:
-        InputError: a number outside its domain.
-    """
-
-    min_episodes: int
-    max_episodes: int
-    max_minutes: float | None
-    batch_size: int
-    updates_per_step: int
-    learning_starts: int
-    max_grad_norm: float | None
-
-    def __post_init__(self) -> None:
-        whole("training.min_episodes", self.min_episodes, 0)
-        for name in ("max_episodes", "batch_size", "updates_per_step", "learning_starts"):
-            whole(f"training.{name}", getattr(self, name), 1)
-        for name in ("max_minutes", "max_grad_norm"):
-            if getattr(self, name) is not None:
-                number(f"training.{name}", getattr(self, name), above=0.0)
-
-
 @dataclass
 class Progress:
-    """Where a run is. success, rearrangements: of the last IPT; loss: of the last update."""
+    """Where a run is. success, rearrangements: of the last IPT; best: of the model that is kept; loss: of the last
+    update."""
 
     iteration: int = 0
     env_steps: int = 0
@@ -106,7 +54,8 @@ class Progress:
     epsilon: float = 1.0
     success: float | None = None
     rearrangements: float | None = None
-    best_success: float = field(default=-1.0)
+    best_success: float = -1.0
+    best_cost: float | None = None
 
 
 Report = Callable[[Progress, TestResult | None], None]
@@ -130,6 +79,7 @@ class Trainer:
         self.env, self.agent, self.buffer = env, agent, buffer
         self.optimizer, self.targets = optimizer, targets
         self.epsilon, self.test, self.budget = epsilon, test, budget
+        self.averaged = AveragedWeights(agent.networks, budget.averaging)
         self.progress = Progress()
 
     def run(self, report: Report, stop: Callable[[], bool]) -> Ending:
@@ -162,8 +112,9 @@ class Trainer:
         return shown
 
     def run_test(self) -> TestResult:
-        """An IPT of the greedy policy as it is now."""
-        tested = self.test.run(self.agent.greedy)
+        """An IPT of the greedy policy, by the mean of the weights where one is kept."""
+        with self.averaged.acting():
+            tested = self.test.run(self.agent.greedy)
         self.progress.success, self.progress.rearrangements = tested.success, tested.rearrangements
         return tested
 
@@ -189,8 +140,11 @@ class Trainer:
         """The updates of one iteration, once the buffer holds enough."""
         if len(self.buffer) < self.budget.learning_starts:
             return
-        with memory_for("training.batch_size", self.budget.batch_size):
-            losses = [self._update() for _ in range(self.budget.updates_per_step)]
+        budget = self.budget
+        with memory_for("training.batch_size", budget.batch_size):
+            # All at once, for the buffer stays as it is between them; decoding is dear in small batches.
+            sample = restore(self.buffer.sample(budget.batch_size * budget.updates_per_step))
+            losses = [self._update(batch) for batch in self.agent.decode(sample).split(budget.batch_size)]
         self.progress.updates += len(losses)
         self.progress.loss = float(torch.stack(losses).mean())
         if not math.isfinite(self.progress.loss):
@@ -203,9 +157,10 @@ class Trainer:
             f"({progress.env_steps} env steps); try a lower optimizer.lr"
         )
 
-    def _update(self) -> torch.Tensor:
-        sample = self.buffer.sample(self.budget.batch_size)
-        loss = self.agent.loss(self.agent.decode(restore(sample)))
+    def _update(self, batch: TensorDictBase) -> torch.Tensor:
+        device = self.env.reach.device
+        with torch.autocast(device.type, torch.bfloat16, enabled=self.budget.precision == "bfloat16"):
+            loss = self.agent.loss(batch)
         total = loss["loss_pick"] + loss["loss_place"]
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
@@ -213,6 +168,7 @@ class Trainer:
             nn.utils.clip_grad_norm_(self.agent.networks.parameters(), self.budget.max_grad_norm)
         self.optimizer.step()
         self.targets.step()
+        self.averaged.step()
         return total.detach()
 
     def check_weights(self) -> None:
@@ -231,6 +187,7 @@ class Trainer:
             "loss": self.agent.loss.state_dict(),
             "optimizer": self.optimizer.state_dict(),
             "targets": self.targets.state_dict(),
+            "averaged": self.averaged.state_dict(),
             "buffer": buffer_state(self.buffer),
             "env": self.env.state_dict(),
             "ipt_generator": self.test.generator.get_state(),
@@ -244,6 +201,7 @@ class Trainer:
         self.agent.loss.load_state_dict(state["loss"])
         self.optimizer.load_state_dict(state["optimizer"])
         self.targets.load_state_dict(state["targets"])
+        self.averaged.load_state_dict(state["averaged"])
         with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
             load_buffer(self.buffer, state["buffer"])
         self.env.load_state_dict(state["env"])

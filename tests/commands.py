@@ -19,6 +19,7 @@ TINY = (
     "instances.test_size=20",
     "env.num_envs=16",
     "network.widths=[16]",
+    "agent.encoding=planes",
     "buffer.storage.max_size=400",
     "exploration.anneal_steps=300",
     "training.batch_size=8",

@@ -90,6 +90,7 @@ def calls() -> list[tuple[str, str, str, list[str]]]:
 def composed(base: str, structure: str, overrides: list[str]):
     GlobalHydra.instance().clear()
     small = ["instances.train_size=20", "instances.validation_size=20", "ipt.batch_size=20", "env.num_envs=4"]
+    small += ["training.learning_starts=1"]
     group = "agent" if base == "improved" else "paper"
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
         return hydra.compose("train", [f"experiment=ablation/{base}", f"{group}={structure}", *overrides, *small])
@@ -100,7 +101,7 @@ def test_every_change_of_the_script_learns_and_changes_what_it_says(base, struct
     cfg = composed(base, structure, overrides)
     trainer = trainer_of(cfg)
     trainer.iterate(trainer.env.reset())
-    trainer._update()
+    assert trainer.progress.updates
     changed = {one.split(":")[0] for one in _changed(composed(base, structure, []), cfg)}
     keys = {override.split("=")[0] for override in overrides}
     assert all(any(one == key or one.startswith(f"{key}.") for key in keys) for one in changed), changed

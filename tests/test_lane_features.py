@@ -47,25 +47,34 @@ def test_what_stands_before_the_obstacle_counts():
 def by_hand(reach: Reach, standing: set[int], target: int, cell: int | None) -> int:
     """`changed` of a cell (`now` where it is None), from the definition."""
     lanes = [set(unpack(lane, reach.n_cells).nonzero().squeeze(-1).tolist()) for lane in reach.blocking_sets[:, target]]
-    ways = unpack(reach.blocking_sets, reach.n_cells)
-    after = standing ^ {cell} if cell is not None else standing
     fewest = min(len(standing & lane) for lane in lanes)
-    best = []
-    for lane in lanes:
-        if len(standing & lane) > fewest + SPARE:
-            continue
-        extra = 0
-        for obstacle in standing & lane - {cell}:
-            options = []
-            for way in ways[:, obstacle]:
-                beside = set(way.nonzero().squeeze(-1).tolist()) - lane
-                cost = NEVER if target in beside else len(standing & beside)
-                if cell in beside:
-                    cost += 1 if cell in after else -1
-                options.append(cost)
-            extra += min(options)
-        best.append(len(after & lane) + min(extra, NEVER))
-    return min(best)
+    near = [lane for lane in lanes if len(standing & lane) <= fewest + SPARE]
+    after = standing ^ {cell} if cell is not None else standing
+    return min(len(after & lane) + min(reaching(reach, standing, lane, target, cell), NEVER) for lane in near)
+
+
+def reaching(reach: Reach, standing: set[int], lane: set[int], target: int, cell: int | None) -> int:
+    """What it takes to get to the obstacles on one lane."""
+    others, wanted = standing - lane, standing & lane
+    if not wanted:
+        return 0
+    there = torch.zeros(1, reach.n_cells, dtype=torch.bool)
+    there[0, list(others | {target})] = True
+    accessible = reach.accessible(there)[0]
+    weight = {obstacle: 1 if accessible[obstacle] else 2 for obstacle in others}
+    everyone, first = 0, NEVER
+    for obstacle in wanted:
+        ways = [way.nonzero().squeeze(-1).tolist() for way in unpack(reach.blocking_sets[:, obstacle], reach.n_cells)]
+        costs = []
+        for way in ways:
+            beside = set(way) - lane
+            cost = NEVER if target in way else sum(weight[blocker] for blocker in beside & others)
+            if cell in beside:
+                cost += -weight[cell] if cell in standing else 1
+            costs.append((cost, NEVER if wanted & set(way) else cost))
+        everyone += 0 if obstacle == cell else max(0, min(cost for cost, _ in costs))
+        first = min(first, 0 if obstacle == cell else max(0, min(alone for _, alone in costs)))
+    return max(everyone, first)
 
 
 def test_costs_are_those_of_the_definition():

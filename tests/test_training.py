@@ -14,9 +14,10 @@ import pytest
 import torch
 
 from dore import session
+from dore.budget import Budget, LinearEpsilon
 from dore.checkpoint import load_checkpoint, load_model
 from dore.errors import InputError
-from dore.training import Budget, Diverged, LinearEpsilon
+from dore.training import Diverged
 from tests.commands import TINY, run
 
 TIMES = ("seconds", "env_steps_per_s")
@@ -179,7 +180,7 @@ def test_a_run_leaves_its_files(tmp_path):
 
 
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(session.Trainer, "_update", lambda self: torch.tensor(float("nan")))
+    monkeypatch.setattr(session.Trainer, "_update", lambda self, batch: torch.tensor(float("nan")))
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "the loss is nan" in said
@@ -190,8 +191,8 @@ def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
     """An update may spoil the weights after its loss was fine."""
     update = session.Trainer._update
 
-    def spoilt(self):
-        loss = update(self)
+    def spoilt(self, batch):
+        loss = update(self, batch)
         if self.progress.updates > 40:
             next(self.agent.networks.parameters()).data.fill_(float("inf"))
         return loss
@@ -209,7 +210,7 @@ def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
 
 
 def test_a_batch_that_does_not_fit_names_its_key(tmp_path, capsys, monkeypatch):
-    def full(self):
+    def full(self, batch):
         raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 MiB.")
 
     monkeypatch.setattr(session.Trainer, "_update", full)
@@ -229,6 +230,7 @@ def test_epsilon_falls_linearly():
         ({"max_episodes": 0}, "training.max_episodes: got 0"),
         ({"max_minutes": -1.0}, "training.max_minutes: got -1"),
         ({"batch_size": 2.5}, r"training.batch_size: got 2\.5"),
+        ({"precision": "half"}, "training.precision: got 'half', want one of float32, bfloat16"),
     ],
 )
 def test_bad_budget(change, says):
@@ -241,4 +243,4 @@ def test_bad_budget(change, says):
         "learning_starts": 1,
     }
     with pytest.raises(InputError, match=says):
-        Budget(**(good | {"max_grad_norm": None} | change))
+        Budget(**(good | {"max_grad_norm": None, "averaging": None, "precision": "float32"} | change))

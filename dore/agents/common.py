@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, get_args
+from typing import Protocol
 
 import torch
 from tensordict import TensorDictBase
@@ -13,7 +13,7 @@ from torchrl.modules import EGreedyModule, QValueModule
 from torchrl.objectives.common import LossModule
 
 from dore import keys
-from dore.errors import InputError, flag, number
+from dore.errors import InputError, flag, number, one_of
 from dore.features import Encoding, mirrored_board, mirrored_cell
 from dore.losses import MaskMode, masked
 from dore.reach import Reach
@@ -44,12 +44,6 @@ class Agent(Protocol):
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
-
-
-def one_of(name: str, value: str, options: object) -> None:
-    """Raise InputError unless `value` is an option of a Literal type."""
-    if value not in get_args(options):
-        raise InputError(f"{name}: got {value!r}, want one of {', '.join(get_args(options))}")
 
 
 def check_hyperparameters(

@@ -10,7 +10,8 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor
 
 from dore import keys
-from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty, one_of
+from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty
+from dore.errors import one_of
 from dore.features import Encoding, encode, n_planes
 from dore.losses import Chain, MaskMode, SequentialLoss, masked
 from dore.networks import NetworkFactory

@@ -8,8 +8,8 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor
 
 from dore import keys
-from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty, one_of
-from dore.errors import whole
+from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty
+from dore.errors import one_of, whole
 from dore.features import Encoding, encode, n_planes, slot_of, slots
 from dore.losses import Heads, MaskMode, SingleLoss, masked
 from dore.networks import NetworkFactory

@@ -9,6 +9,7 @@ import torch
 from torchrl.objectives import SoftUpdate
 
 from dore.agents.common import Agent
+from dore.budget import Budget, LinearEpsilon
 from dore.env import RearrangeEnv, Rewards
 from dore.errors import number, seed_of
 from dore.instances import InstanceSet
@@ -21,7 +22,7 @@ from dore.planners.learned import Learned, draft_of
 from dore.reach import Reach
 from dore.rollout import Rollout, greedy_rollout
 from dore.sampling import Batch
-from dore.training import Budget, Ending, LinearEpsilon, Trainer
+from dore.training import Ending, Trainer
 
 NUM_ENVS = 512
 """Episodes of the one instance that are played at once: what exploring finds is the bottleneck, and it is cheap."""
@@ -84,6 +85,8 @@ class Transfer:
             updates_per_step=4,
             learning_starts=2 * NUM_ENVS,
             max_grad_norm=10.0,
+            averaging=None,
+            precision="float32",
         )
 
     def plan(self, batch: Batch) -> list[Plan]:

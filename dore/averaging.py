@@ -1,0 +1,71 @@
+"""The running mean of a network's weights, which acts better than the weights of any one update (not in the paper)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
+
+from dore.errors import number
+
+
+class AveragedWeights:
+    """An exponential mean of the weights after each update (Polyak and Juditsky, 1992).
+
+    The first updates are averaged over a tenth of their number, so that a short run is not held back by its start.
+
+    Args:
+        networks: whose weights change.
+        decay: share of the mean that an update leaves, in (0, 1); None: no mean, the weights are used as they are.
+
+    Raises:
+        InputError: a decay outside (0, 1).
+    """
+
+    def __init__(self, networks: nn.Module, decay: float | None) -> None:
+        self.networks = networks
+        self._mean: AveragedModel | None = None
+        if decay is None:
+            return
+        limit = number("training.averaging", decay, above=0.0, at_most=1.0 - 1e-9)
+
+        def approach(means: Any, weights: Any, n_averaged: Any) -> None:
+            n = float(n_averaged)
+            torch._foreach_lerp_(list(means), list(weights), 1.0 - min(limit, (1.0 + n) / (10.0 + n)))
+
+        self._mean = AveragedModel(networks, multi_avg_fn=approach)
+
+    def step(self) -> None:
+        """Take in the weights as they are now."""
+        if self._mean is not None:
+            self._mean.update_parameters(self.networks)
+
+    def weights(self) -> dict[str, Tensor]:
+        """State dict of the networks with the mean weights."""
+        return (self.networks if self._mean is None else self._mean.module).state_dict()
+
+    @contextmanager
+    def acting(self) -> Iterator[None]:
+        """In the block the networks have the mean weights."""
+        if self._mean is None:
+            yield
+            return
+        own = {name: value.clone() for name, value in self.networks.state_dict().items()}
+        self.networks.load_state_dict(self._mean.module.state_dict())
+        try:
+            yield
+        finally:
+            self.networks.load_state_dict(own)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The mean, and how many updates it is of."""
+        return {} if self._mean is None else self._mean.state_dict()
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on as the mean whose `state_dict` this is."""
+        if self._mean is not None:
+            self._mean.load_state_dict(state)
