@@ -35,9 +35,13 @@ ablate improved sequential learning-rate optimizer.lr=0.0025
 ablate improved sequential symmetry agent.symmetry=false
 ablate improved sequential step-cost env.rewards.unfinished=-0.2
 ablate improved sequential double agent.double=false
+ablate improved sequential encoding agent.encoding=planes
+ablate improved sequential network network=cells
+ablate improved sequential averaging training.averaging=null
+ablate improved sequential precision training.precision=float32
 
 ablate literal sequential chain agent.chain=natural
-ablate literal sequential target-update target_update=soft
+ablate literal sequential target-update target_update=soft "~target_update.value_network_update_interval"
 ablate literal sequential learning-rate optimizer.lr=0.001
 ablate literal sequential symmetry agent.symmetry=true
 ablate literal sequential step-cost env.rewards.unfinished=-0.2

@@ -41,12 +41,12 @@ def table(metric: Metric, columns: Sequence[str], head: str, with_n: bool = Fals
     cells = {(entry.row, entry.column): entry for entry in metric.entries}
     rows = dict.fromkeys(entry.row for entry in metric.entries)
     return [[head, *columns]] + [
-        [row, *(_cell(cells.get((row, column)), metric.digits, with_n) for column in columns)] for row in rows
+        [row, *(cell(cells.get((row, column)), metric.digits, with_n) for column in columns)] for row in rows
     ]
 
 
-def _cell(entry: Entry | None, digits: int, with_n: bool) -> str:
-    """`mean (sd) [low, high], n`, as far as there is such a thing."""
+def cell(entry: Entry | None, digits: int, with_n: bool) -> str:
+    """A cell of a Markdown table: `mean (sd) [low, high], n`, as far as there is such a thing."""
     if entry is None or math.isnan(entry.value.value):
         return "-"
     text = _number(entry.value.value, digits)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +18,12 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Ipt:
-    """One IPT: after how many episodes and seconds of training, and the share that was solved."""
+    """One IPT: after how many episodes and seconds of training, the share that was solved, and by how many moves."""
 
     episodes: int
     seconds: float
     success: float
+    rearrangements: float = math.nan
 
 
 def read_tests(run: Path) -> list[Ipt]:
@@ -34,7 +36,12 @@ def read_tests(run: Path) -> list[Ipt]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             return [
-                Ipt(int(row["episodes"]), float(row["seconds"]), float(row["success"]))
+                Ipt(
+                    int(row["episodes"]),
+                    float(row["seconds"]),
+                    float(row["success"]),
+                    float(row["rearrangements"] or math.nan),
+                )
                 for row in csv.DictReader(file)
                 if row["success"]
             ]

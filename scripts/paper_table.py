@@ -7,23 +7,22 @@ REPORT.md and REPORT.png are written.
 from __future__ import annotations
 
 import argparse
-import csv
-import math
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from dore.errors import InputError, atomic_write
 from dore.tables import Table, as_markdown
-from scripts.paper_entries import ALL, Entry, Metric
+from scripts.entry_tables import cell
+from scripts.paper_entries import ALL, Metric
 from scripts.paper_figure import draw
 from scripts.paper_metrics import MOVES, SOLVED, TIME, table_1, table_2_or_3
 from scripts.paper_runs import Runs, read_runs
+from scripts.report_files import Report, write_report
 
 TITLES = {1: "planning time", 2: "rearrangements", 3: "rearrangements"}
 DRAWN = {1: (TIME,), 2: (MOVES, SOLVED), 3: (MOVES, SOLVED)}
-COLUMNS = ("table", "metric", "row", "column", "n", "mean", "sd", "low", "high")
 NOTES = {
     1: "Under `reach=paper_fit`, Tables 2 and 3's, the graph search spends its whole budget; hence another reach here.",
     2: "The paper's total execution time is beside the simulated arm's on [execution_time.md](execution_time.md).",
@@ -38,35 +37,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("report", type=Path)
     chosen = parser.parse_args(arguments)
-    try:
-        runs = read_runs(chosen.folder)
-        layout = runs.world.layout
-        metrics = (
-            table_1(runs.columns) if chosen.table == 1 else table_2_or_3(runs.columns, f"{layout.rows}x{layout.cols}")
-        )
-        chosen.report.parent.mkdir(parents=True, exist_ok=True)
-        _write_csv(chosen.report.with_suffix(".csv"), chosen.table, metrics)
-        draw(chosen.report.with_suffix(".png"), [one for one in metrics if one.name in DRAWN[chosen.table]])
-        with atomic_write(chosen.report.with_suffix(".md")) as file:
-            file.write("\n".join(_page(chosen.table, runs, metrics, chosen.report.name)) + "\n")
-    except InputError as error:
-        print(f"paper_table: {error}", file=sys.stderr)
-        return 2
-    print(chosen.report.with_suffix(".md"))
-    return 0
+    make = partial(_report, chosen.table, chosen.folder, chosen.report.name)
+    return write_report("paper_table", chosen.report, make)
 
 
-def _write_csv(path: Path, table: int, metrics: Sequence[Metric]) -> None:
-    """A line a cell; what there is none of is left empty."""
-    with atomic_write(path) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for metric in metrics:
-            for entry in metric.entries:
-                numbers = (entry.value.value, entry.sd, entry.value.low, entry.value.high)
-                shown = ["" if math.isnan(number) else f"{number:.6g}" for number in numbers]
-                n = "" if entry.n is None else entry.n
-                writer.writerow([table, metric.name, entry.row, entry.column, n, *shown])
+def _report(table: int, folder: Path, name: str) -> Report:
+    runs = read_runs(folder)
+    layout = runs.world.layout
+    metrics = table_1(runs.columns) if table == 1 else table_2_or_3(runs.columns, f"{layout.rows}x{layout.cols}")
+    drawn = [one for one in metrics if one.name in DRAWN[table]]
+    return Report(metrics, lambda path: draw(path, drawn), _page(table, runs, metrics, name))
 
 
 def _page(table: int, runs: Runs, metrics: Sequence[Metric], name: str) -> list[str]:
@@ -129,25 +109,8 @@ def _table(metric: Metric) -> Table:
         table.append(["n", *(str(count[0]) for count in counts.values())])
     for row in dict.fromkeys(entry.row for entry in metric.entries):
         found = [cells.get((row, column)) for column in columns]
-        table.append([row, *("" if one is None else _cell(one, metric.digits, not shared) for one in found)])
+        table.append([row, *("" if one is None else cell(one, metric.digits, not shared) for one in found)])
     return table
-
-
-def _cell(entry: Entry, digits: int, with_n: bool) -> str:
-    """`mean (sd) [low, high], n`, as far as there is such a thing."""
-    if math.isnan(entry.value.value):
-        return "-"
-    text = _number(entry.value.value, digits)
-    if not math.isnan(entry.sd):
-        text += f" ({_number(entry.sd, digits)})"
-    if not math.isnan(entry.value.low):
-        text += f" [{_number(entry.value.low, digits)}, {_number(entry.value.high, digits)}]"
-    return f"{text}, n {entry.n}" if with_n and entry.n is not None else text
-
-
-def _number(value: float, digits: int) -> str:
-    """So many significant digits, and no exponent where there are many before the point."""
-    return f"{value:,.0f}" if abs(value) >= 10**digits else f"{value:#.{digits}g}".rstrip(".")
 
 
 if __name__ == "__main__":

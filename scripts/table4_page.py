@@ -12,10 +12,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from dore.errors import InputError, atomic_write
 from dore.tables import as_markdown
-from scripts.entry_tables import table, write_csv
+from scripts.entry_tables import table
 from scripts.paper_entries import Metric
+from scripts.report_files import Report, write_report
 from scripts.table4_figure import draw, titled
 from scripts.table4_metrics import metrics_of
 from scripts.table4_runs import Runs, read_runs
@@ -27,19 +27,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("report", type=Path)
     chosen = parser.parse_args(arguments)
-    try:
-        runs = read_runs(chosen.folder)
-        metrics = metrics_of(runs)
-        chosen.report.parent.mkdir(parents=True, exist_ok=True)
-        write_csv(chosen.report.with_suffix(".csv"), metrics)
-        draw(chosen.report.with_suffix(".png"), runs)
-        with atomic_write(chosen.report.with_suffix(".md")) as file:
-            file.write("\n".join(_page(runs, metrics, chosen.report.name)) + "\n")
-    except InputError as error:
-        print(f"table4_page: {error}", file=sys.stderr)
-        return 2
-    print(chosen.report.with_suffix(".md"))
-    return 0
+    return write_report("table4_page", chosen.report, lambda: _report(chosen.folder, chosen.report.name))
+
+
+def _report(folder: Path, name: str) -> Report:
+    runs = read_runs(folder)
+    metrics = metrics_of(runs)
+    return Report(metrics, lambda path: draw(path, runs), _page(runs, metrics, name))
 
 
 def _page(runs: Runs, metrics: Sequence[Metric], name: str) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 from pathlib import Path
 
@@ -79,9 +80,10 @@ def test_the_script_ends_and_does_nothing_twice(tmp_path):
 
 def calls() -> list[tuple[str, str, str, list[str]]]:
     """What the script calls `ablate` with; its loop over structures is played."""
-    lines = [line.split() for line in (ROOT / "scripts" / "ablation.sh").read_text(encoding="utf-8").splitlines()]
+    text = (ROOT / "scripts" / "ablation.sh").read_text(encoding="utf-8")
+    lines = [shlex.split(line) for line in text.splitlines() if line.strip().startswith("ablate ")]
     found = []
-    for base, structure, change, *overrides in (line[1:] for line in lines if line and line[0] == "ablate"):
+    for base, structure, change, *overrides in (line[1:] for line in lines):
         for one in ("sequential", "single") if "$" in structure else (structure,):
             found.append((base, one, change, overrides))
     return found
@@ -110,5 +112,6 @@ def test_every_change_of_the_script_learns_and_changes_what_it_says(base, struct
 
 def test_every_key_of_the_issue_is_there():
     wanted = {"none", "mask", "chain", "heads", "target-update", "learning-rate", "symmetry", "step-cost", "double"}
-    for base in ("improved", "literal"):
-        assert {change for one, _, change, _ in calls() if one == base} == wanted
+    ours = {"encoding", "network", "averaging", "precision"}
+    for base, more in (("improved", ours), ("literal", set())):
+        assert {change for one, _, change, _ in calls() if one == base} == wanted | more
