@@ -31,6 +31,7 @@ def metrics_of(runs: Runs) -> list[Metric]:
     return [
         Metric(SUCCESS, _success_note(runs), [*_paper(runs), *_cells(runs, _success), *_solvable(runs)], digits=4),
         Metric(RATIO, ratio_note, [*_cells(runs, _over_optimum), *_optimum(runs)], digits=4),
+        _endings(runs),
         _literal(runs),
         _improved(runs),
         _sooner(runs, "episodes", lambda tested: tested.episodes),
@@ -122,6 +123,24 @@ def _optimum(runs: Runs) -> list[Entry]:
         moves = [row.moves for row in runs.rows[column]["exact"] if row.status is Status.SOLVED]
         entries.append(point("proved optimum, rearrangements", column, fmean(moves) if moves else math.nan, len(moves)))
     return entries
+
+
+def _endings(runs: Runs) -> Metric:
+    """What becomes of the instances that are not solved."""
+    names = {**{key: f"literal: {name}" for key, name in STRUCTURES.items()}, "seed0": "improved, seed 0"}
+    entries = []
+    for key, name in names.items():
+        tested = {column: rows for column in runs.columns if (rows := runs.rows[column].get(key))}
+        reasons = sorted({row.reason for rows in tested.values() for row in rows if row.status is not Status.SOLVED})
+        for reason in reasons:
+            for column, rows in tested.items():
+                ended = sum(row.status is not Status.SOLVED and row.reason == reason for row in rows)
+                entries.append(point(f"{name}: {reason}", column, 100 * ended / len(rows), len(rows)))
+    note = (
+        "Percent of all instances, those without a plan among them. `move budget`: the step limit; the others are the "
+        "failures of section 5.1 of the paper, or no move that is legal."
+    )
+    return Metric("how what is not solved ends (%)", note, entries)
 
 
 def _literal(runs: Runs) -> Metric:

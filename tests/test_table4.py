@@ -89,7 +89,18 @@ def rows(planner: str, *moves: int | None) -> list[Row]:
     """A row an instance: its moves, None for a planner that gave up, 0 for a proof that there is no plan."""
     status = {None: Status.GAVE_UP, 0: Status.UNSOLVABLE}
     return [
-        Row(planner, number, 36, 3, status.get(m, Status.SOLVED), "", m or 0, 0.1, 0, Timing.BATCHED)
+        Row(
+            planner,
+            number,
+            36,
+            3,
+            status.get(m, Status.SOLVED),
+            "" if m else "move budget",
+            m or 0,
+            0.1,
+            0,
+            Timing.BATCHED,
+        )
         for number, m in enumerate(moves, 1)
     ]
 
@@ -146,6 +157,7 @@ def test_figures_by_hand():
         90000 / 8925000
     )
     assert "No instance is undecided" in metrics[0].note
+    assert entry(metrics, "how what is not solved ends (%)", "literal: S-DQN: move budget").value.value == 80
 
 
 def test_bands_reach_as_far_as_all_runs():
