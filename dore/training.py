@@ -94,7 +94,8 @@ class Trainer:
             tests_before = progress.episodes // self.test.every_episodes
             shown = self.iterate(shown)
             progress.seconds = time.perf_counter() - before
-            due = progress.episodes // self.test.every_episodes > tests_before
+            # Before the first update there is nothing to test.
+            due = progress.updates > 0 and progress.episodes // self.test.every_episodes > tests_before
             tested = self.run_test() if due else None
             report(progress, tested)
             if tested is not None and tested.passed and progress.episodes >= self.budget.min_episodes:
