@@ -120,6 +120,12 @@ class Sequential:
         seen, mask = self._see_place(board, target, visited, pick)
         return pick, masked(self.networks["place"](seen)[0], mask, self.mask_mode).argmax(-1)
 
+    def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
+        """Float[N, G]: Q_p of each cell on Int64[N, W] boards; of one that cannot be picked it means nothing."""
+        mask = pickable(self.reach, board, target)
+        values: Tensor = self.networks["pick"](encode(self.reach, board, target, mask, self.encoding))[0]
+        return values
+
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: Q_l of each cell for the obstacle on Int64[N] cells of Int64[N, W] boards, once it is lifted."""
         lifted = lift(board, pick)
