@@ -23,6 +23,7 @@ from torch import Tensor
 
 from dore import build
 from dore.agents.sequential import Sequential
+from dore.board_art import CELL_INCH, FAINT, INK, OBSTACLE, RADIUS, TARGET
 from dore.checkpoint import SHIPPED
 from dore.errors import InputError, atomic_write
 from dore.instances import InstanceSet, scenes_of
@@ -30,7 +31,6 @@ from dore.plan import Scene, cell_id
 from dore.planners.label import label
 from dore.planners.learned import Learned
 from dore.reach import Reach
-from dore.render import CELL_INCH, FAINT, INK, OBSTACLE, RADIUS, TARGET
 from dore.rules import legal_moves, legal_places
 from dore.sampling import Batch, Difficulty
 from scripts.planner_timing import composed

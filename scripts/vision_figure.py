@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from dore.board_art import FAINT, INK, OBSTACLE, TARGET
 from dore.layout import Layout
 from dore.plan import cell_id
-from dore.render import FAINT, INK, OBSTACLE, TARGET
 from dore.sim.frames import Array
 from dore.sim.perception import Frame
 from dore.sim.understanding import Sighting, cell_of

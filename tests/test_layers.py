@@ -96,7 +96,10 @@ def test_only_the_command_line_knows_the_sim() -> None:
         (["dore.env"], ["dore.agents", "dore.networks", "dore.losses", "dore.planners"]),
         (["dore.planners"], ["dore.training", "dore.cli", "dore.sim", "dore.evaluation"]),
         (["dore.training"], ["dore.planners", "dore.evaluation", "dore.cli"]),
-        (["dore.evaluation", "dore.tables", "dore.render"], ["dore.training", "dore.agents", "dore.env"]),
+        (
+            ["dore.evaluation", "dore.tables", "dore.render", "dore.board_art"],
+            ["dore.training", "dore.agents", "dore.env"],
+        ),
         (["dore.sim"], ["dore.cli", "dore.training", "dore.agents", "dore.env", "dore.planners", "dore.evaluation"]),
         ([module for module in sorted(MODULES) if module not in ("dore", "dore.cli")], ["dore.cli"]),
     ],

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
+from dore.board_art import CELL_INCH, OBSTACLE
 from dore.curves import draw_learning_curve
 from dore.errors import InputError
 from dore.instances import InstanceSet
@@ -16,7 +17,7 @@ from dore.layout import Layout
 from dore.plan import Move, PlanError, Scene, Status
 from dore.planners.base import Draft, checked_plans
 from dore.reach import Reach
-from dore.render import CELL_INCH, DPI, OBSTACLE, Panel, draw_plan, panel_pixels, panels_of
+from dore.render import DPI, Panel, draw_plan, panel_pixels, panels_of
 from tests.drawings import scene_of
 
 DRAWING = """

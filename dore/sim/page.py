@@ -12,8 +12,9 @@ from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from dore.board_art import FAINT, INK
 from dore.errors import atomic_write
-from dore.render import FAINT, INK, Panel, panel_pixels
+from dore.render import Panel, panel_pixels
 
 Pixels = NDArray[np.uint8]
 PANEL_SHARE = 0.8
