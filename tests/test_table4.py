@@ -119,7 +119,10 @@ def by_hand() -> Runs:
         "seed1": rows("learned", 1, 2, 2, None, 4),
         "generalist": [*rows("learned", 1, 2, None, None, None), *rows("guided", 1, 2, 2, None, 3)],
     }
-    literal = {("single", COLUMN): trained((100, 10.0, 0.5), (400, 40.0, 0.95))}
+    literal = {
+        ("single", COLUMN): trained((100, 10.0, 0.5), (400, 40.0, 0.95)),
+        ("sequential", COLUMN): trained((100, 10.0, 0.5), (300, 30.0, 0.9)),
+    }
     improved = {
         ("seed0", COLUMN): trained((10, 1.0, 0.96), episodes=20),
         ("seed1", COLUMN): trained((10, 1.0, 0.9), (30, 3.0, 0.97), episodes=40),
@@ -152,6 +155,7 @@ def test_figures_by_hand():
     assert entry(metrics, RATIO, "proved optimum, rearrangements").value.value == pytest.approx(5 / 3)
     assert entry(metrics, "episodes to 95 % IPT", "literal: S-DQN").value.value == 400
     assert entry(metrics, "episodes to 95 % IPT", "literal S-DQN / improved").value.value == 400 / 20
+    assert entry(metrics, "episodes to 95 % IPT", "literal SS-DQN / improved, more than").value.value == 300 / 20
     assert entry(metrics, "seconds to 95 % IPT", IMPROVED).value.value == 2
     assert entry(metrics, "how far the literal runs went", "S-DQN: of T_lim (%)").value.value == pytest.approx(
         90000 / 8925000
