@@ -10,7 +10,18 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import AveragedModel
 
-from dore.errors import number
+from dore.errors import InputError, number
+
+
+def decay_of(value: float | None) -> float | None:
+    """A decay of `AveragedWeights`, None for no mean.
+
+    Raises:
+        InputError: it is not in (0, 1).
+    """
+    if value is not None and number("training.averaging", value, above=0.0) >= 1.0:
+        raise InputError(f"training.averaging: got {value!r}, want a number below 1, or null")
+    return value
 
 
 class AveragedWeights:
@@ -29,9 +40,9 @@ class AveragedWeights:
     def __init__(self, networks: nn.Module, decay: float | None) -> None:
         self.networks = networks
         self._mean: AveragedModel | None = None
-        if decay is None:
+        limit = decay_of(decay)
+        if limit is None:
             return
-        limit = number("training.averaging", decay, above=0.0, at_most=1.0 - 1e-9)
 
         def approach(means: Any, weights: Any, n_averaged: Any) -> None:
             n = float(n_averaged)
@@ -66,6 +77,6 @@ class AveragedWeights:
         return {} if self._mean is None else self._mean.state_dict()
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on as the mean whose `state_dict` this is."""
-        if self._mean is not None:
+        """Go on as the mean whose `state_dict` this is; where there was none, a new one begins."""
+        if self._mean is not None and state:
             self._mean.load_state_dict(state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from dore.averaging import decay_of
 from dore.errors import number, one_of, whole
 
 Precision = Literal["float32", "bfloat16"]
@@ -44,7 +45,7 @@ class Budget:
     max_grad_norm: gradients are scaled down to this norm; None: never (the paper says nothing of it).
     averaging: decay of the mean of the weights that the IPT acts by and that is kept (`AveragedWeights`); None: the
         weights as they are, as in the paper.
-    precision: what the networks multiply in while they learn; weights, targets and plans stay float32.
+    precision: what the networks multiply in while they learn; weights, errors and plans stay float32.
 
     Raises:
         InputError: a number outside its domain, or no such precision.
@@ -67,4 +68,5 @@ class Budget:
         for name in ("max_minutes", "max_grad_norm"):
             if getattr(self, name) is not None:
                 number(f"training.{name}", getattr(self, name), above=0.0)
+        decay_of(self.averaging)
         one_of("training.precision", self.precision, Precision)

@@ -27,7 +27,8 @@ class Costs(NamedTuple):
     """Moves that the target is away, as far as two levels of lanes tell: what blocks a lane of the target, and what
     blocks the hand from that.
 
-    now: Int64[B]. changed: Int8[B, G], where the cell were changed, its obstacle gone or a new one there.
+    now: Int64[B]. changed: Int8[B, G], where the cell were changed, its obstacle gone or a new one there; which lanes
+        are looked at, and what can be reached, is as it is now, so that it is now and then off, mostly too low.
     blocking: Int8[B, G], obstacles on the target's best lane, where the cell were changed.
     depth: Int8[B, G], obstacles on a cell's own best lane, the target being one.
     """

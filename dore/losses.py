@@ -62,7 +62,9 @@ class _QLoss(LossModule):
         """The outputs of a network on a batch, under the given parameters."""
         network: TensorDictModule = getattr(self, name)
         with params.to_module(network, preserve_module_state=False):
-            return network(batch.select(*network.in_keys))
+            outputs = network(batch.select(*network.in_keys))
+        # Under autocast they are of fewer bits; targets and errors are not worked out in these.
+        return outputs.update({key: outputs[key].float() for key in network.out_keys})
 
     def _bootstrap(self, name: str, batch: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
         """Target outputs, and those that choose the action."""

@@ -125,7 +125,7 @@ class Session:
         return ending
 
     def _conclude(self, ending: Ending) -> None:
-        """Keep the right model and say how the run ended.
+        """Keep a model, the best one where there was a test, and say how the run ended.
 
         A budget's end is tested after the checkpoint is written: a larger budget goes on from it as if this test
         had never been.
@@ -135,7 +135,7 @@ class Session:
             tested = self.trainer.run_test()
             self._keep_best(tested)
             self._log(progress, tested)
-        if ending is Ending.PASSED or not (self.folder / MODEL_NAME).exists():
+        if not (self.folder / MODEL_NAME).exists():
             self._save_model()
         if ending is not Ending.INTERRUPTED:
             mark_done(self.folder, {"ending": str(ending), **asdict(progress)})

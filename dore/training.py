@@ -142,7 +142,9 @@ class Trainer:
         if len(self.buffer) < self.budget.learning_starts:
             return
         budget = self.budget
-        with memory_for("training.batch_size", budget.batch_size):
+        with memory_for(
+            "training.batch_size", f"{budget.batch_size} x training.updates_per_step {budget.updates_per_step}"
+        ):
             # All at once, for the buffer stays as it is between them; decoding is dear in small batches.
             sample = restore(self.buffer.sample(budget.batch_size * budget.updates_per_step))
             losses = [self._update(batch) for batch in self.agent.decode(sample).split(budget.batch_size)]

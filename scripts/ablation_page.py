@@ -102,8 +102,8 @@ def _page(variants: Sequence[Variant], metrics: Sequence[Metric], name: str) -> 
         f"machine when this page was made from the runs' files: {load}.",
         "",
         "The tests are those of training, on the validation split; the test split stays unseen. `improved`: the "
-        "default agent (`experiment=ablation/improved`); `literal`: Table 5's numbers, three of them made smaller in "
-        "proportion to the minutes (conf/experiment/ablation/literal.yaml says which). The changes:",
+        "default agent (`experiment=ablation/improved`); `literal`: the literal runs' numbers, three of them made "
+        "smaller so that something is learned within the minutes (conf/experiment/ablation/literal.yaml). The changes:",
         "",
         *(
             f"- {one.base}, {one.structure}, {one.change}: {', '.join(f'`{key}`' for key in one.changed)}"

@@ -17,7 +17,8 @@ COLUMNS = ("metric", "row", "column", "n", "mean", "sd", "low", "high")
 
 
 def spread(row: str, column: str, values: Sequence[float]) -> Entry:
-    """Mean (sd) [lowest, highest] over seeds; n is how many there are."""
+    """Mean (sd) [lowest, highest] over the seeds that have a value; n is how many those are."""
+    values = [value for value in values if not math.isnan(value)]
     if not values:
         return Entry(row, column, 0, UNKNOWN)
     sd = stdev(values) if len(values) > 1 else math.nan

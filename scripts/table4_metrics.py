@@ -151,7 +151,10 @@ def _literal(runs: Runs) -> Metric:
             for column in runs.columns:
                 if run := runs.literal.get((structure, column)):
                     entries.append(point(f"{name}: {what}", column, value(run), 1))
-    note = "Table 5's numbers; T_lim is 15 |E_r| episodes. Where a run has ended before, its minutes were spent."
+    note = (
+        "Table 5's numbers; T_lim is 15 |E_r| episodes. A run ends where five IPT batches pass (the paper's early "
+        "stop), else when its minutes are spent."
+    )
     return Metric("how far the literal runs went", note, entries, digits=4)
 
 
@@ -160,7 +163,8 @@ _FIGURES: dict[str, Callable[[Trained], float]] = {
     "of T_lim (%)": lambda run: 100 * run.done["episodes"] / run.cfg.training.max_episodes,
     "updates": lambda run: run.done["updates"],
     "minutes": lambda run: run.done["seconds"] / 60,
-    "best IPT (%)": lambda run: 100 * run.done["best_success"],
+    "IPT of the kept model (%)": lambda run: 100 * run.done["best_success"],
+    "passed (1 yes, 0 no)": lambda run: float(run.done["ending"] == "passed"),
 }
 
 
@@ -176,7 +180,7 @@ def _improved(runs: Runs) -> Metric:
 
 def _firsts(runs: Runs, column: str, value: Callable[[Ipt], float]) -> list[float]:
     """When each seed's IPT first reaches what is wanted; a seed where it does not is left out."""
-    firsts = [reached(run.tests, WANTED) for (_, one), run in runs.improved.items() if one == column]
+    firsts = [reached(run.tests, WANTED) for (_, one), run in runs.sooner.items() if one == column]
     return [value(first) for first in firsts if first is not None]
 
 
@@ -198,7 +202,8 @@ def _sooner(runs: Runs, what: str, value: Callable[[Ipt], float]) -> Metric:
                 point(f"literal {name} / improved, more than", column, least / mean, 1),
             ]
     note = (
-        f"The first IPT at or above {100 * WANTED:g} % of all instances; over seeds: mean (sd) [lowest, highest]. "
+        f"The first IPT, every 1,000 episodes, at or above {100 * WANTED:g} % of all instances; over the seeds that "
+        "reach it: mean (sd) [lowest, highest]. "
         "A dash: not within the run; `more than`: its last test over ours, where it has not come so far."
     )
     return Metric(f"{what} to {100 * WANTED:g} % IPT", note, entries, digits=4)

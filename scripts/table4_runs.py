@@ -39,12 +39,14 @@ class Runs:
     """All that the table is made from. A run that is not there, or has not ended, is left out.
 
     literal, improved: trained runs by name (single, sequential; seed0, seed1, ...) and column.
+    sooner: improved ones that the paper's own test has ended.
     rows: the tests' rows by column and name, `exact` and `generalist` among the names.
     worlds: the config of each column's `exact`. commits, torch: of all runs.
     """
 
     literal: dict[tuple[str, str], Trained]
     improved: dict[tuple[str, str], Trained]
+    sooner: dict[tuple[str, str], Trained]
     rows: dict[str, dict[str, list[Row]]]
     worlds: dict[str, DictConfig]
     commits: list[str]
@@ -57,7 +59,7 @@ class Runs:
 
 
 def read_runs(folder: Path) -> Runs:
-    """Read `folder`/literal, /improved and /test.
+    """Read `folder`/literal, /improved, /sooner and /test.
 
     Raises:
         InputError: no column was tested, tests of one column that saw different instances, or a damaged file.
@@ -74,10 +76,11 @@ def read_runs(folder: Path) -> Runs:
         rows[column] = {name: read_rows(test / ROWS) for name, test in tests.items()}
     if not rows:
         raise InputError(f"{folder}: no column is tested, want one or more with the proved optimum (test/COLUMN/exact)")
-    abouts = [_read_json(path) for path in sorted(folder.glob("**/about.json"))]
+    abouts = [read_json(path) for path in sorted(folder.glob("**/about.json"))]
     return Runs(
         literal=_trained(folder / "literal"),
         improved=_trained(folder / "improved"),
+        sooner=_trained(folder / "sooner"),
         rows=rows,
         worlds=worlds,
         commits=sorted({str(about["commit"]) for about in abouts}),
@@ -92,7 +95,7 @@ def _trained(folder: Path) -> dict[tuple[str, str], Trained]:
         name = re.fullmatch(r"(.+?)_(\d+x\d+_z\d+-\d+)", done.parent.name)
         if name is None:
             raise InputError(f"{done.parent}: want a folder called NAME_COLUMN, as single_6x6_z3-5")
-        found[name[1], name[2]] = Trained(_read_json(done), read_config(done.parent), read_tests(done.parent))
+        found[name[1], name[2]] = Trained(read_json(done), read_config(done.parent), read_tests(done.parent))
     return found
 
 
@@ -106,7 +109,12 @@ def _check_same_instances(first: Path, second: Path) -> None:
         raise InputError(f"{second}: {', '.join(differ)} not as in {first}, want the same instances")
 
 
-def _read_json(path: Path) -> dict[str, Any]:
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON file of a run.
+
+    Raises:
+        InputError: it is damaged.
+    """
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

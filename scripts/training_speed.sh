@@ -27,7 +27,8 @@ measure() {
 }
 
 table4=(experiment=table4 column=8x8_z3-13)
-literal=(experiment=paper/table4 paper=sequential column=8x8_z3-13 training.learning_starts=2000)
+literal=(experiment=paper/table4 paper=sequential column=8x8_z3-13 training.learning_starts=2000
+    env.num_envs=256 training.updates_per_step=64)
 planes=("${table4[@]}" agent.encoding=planes training.batch_size=512 env.num_envs=512)
 lanes=("${table4[@]}" agent.encoding=lanes network=mlp training.batch_size=256 env.num_envs=256)
 for round in $(seq "$rounds"); do

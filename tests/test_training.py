@@ -216,7 +216,10 @@ def test_a_batch_that_does_not_fit_names_its_key(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(session.Trainer, "_update", full)
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said == "dore-train: training.batch_size: 8 takes more memory than there is, want less"
+    assert (
+        said
+        == "dore-train: training.batch_size: 8 x training.updates_per_step 2 takes more memory than there is, want less"
+    )
 
 
 def test_epsilon_falls_linearly():
