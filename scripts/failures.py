@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import torch
+from hydra.errors import HydraException
 from tqdm import tqdm
 
 from dore.checkpoint import SHIPPED
@@ -36,8 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         whole("--boards", chosen.boards, 1)
         with tqdm(chosen.columns, unit="column") as names:
             columns = [column_of(name, chosen.model, chosen.boards) for name in names]
-    except InputError as error:
-        print(f"failures: {error}", file=sys.stderr)
+    except (InputError, HydraException) as error:
+        print(f"failures: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
     chosen.report.parent.mkdir(parents=True, exist_ok=True)
     drawn, picture = drawn_of(columns), chosen.report.with_suffix(".png")
@@ -46,7 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     else:
         picture.unlink(missing_ok=True)
     command = f"python -m scripts.failures --columns {' '.join(chosen.columns)} --boards {chosen.boards}"
-    model = SHIPPED.name if chosen.model.resolve() == SHIPPED else str(chosen.model)
+    shipped = chosen.model.resolve() == SHIPPED.resolve()
+    model = SHIPPED.name if shipped else str(chosen.model)
+    command += "" if shipped else f" --model {model}"
     lines = page(columns, model, command, picture.name if drawn else None)
     with atomic_write(chosen.report.with_suffix(".md")) as file:
         file.write("\n".join(lines) + "\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -97,13 +98,15 @@ def column_of(name: str, model: Path, boards: int) -> Column:
         InputError: no such column, no such model, or not so many boards.
     """
     layout, _, difficulty = name.partition("_")
-    if not difficulty:
+    if not re.fullmatch(r"\d+x\d+_z\d+-\d+", name):
         raise InputError(f"--columns: got {name!r}, want LAYOUT_INSTANCES, as 8x8_z3-13")
     overrides = [f"layout={layout}", f"instances={difficulty}", f"instances.validation_size={boards}"]
     planners = ["reach=wide_hand", "planner=[learned,exact]", f"planners.exact.max_seconds={PROOF_S}", f"model={model}"]
     cfg = composed([*overrides, *planners])
     reach = build.reach_of(cfg, "cpu")
     learned, exact = build.planners_of(cfg, reach)
+    if getattr(getattr(learned, "agent", None), "encoding", None) != "lanes":
+        raise InputError(f"--model: {model} does not see the lanes' costs, want one of agent.encoding=lanes")
     instances = build.splits_of(cfg, reach).validation(reach)
     proofs, tries = exact.plan(instances.batch()), learned.plan(instances.batch())
     now = lane_costs(reach, *instances.batch()).now.tolist()

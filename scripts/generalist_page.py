@@ -60,8 +60,8 @@ def _page(found: Evaluations, metrics: Sequence[Metric], name: str) -> list[str]
         f"made from the evaluations' files: {', '.join(f'{load:.2f}' for load in os.getloadavg())}.",
         "",
         f"{'-'.join(map(str, sizes))} instances of each world, of the {world.split} split, nothing trained on them. "
-        "`learned`: the network's greedy choices; `guided`: the search that it leads, and `exact`: the proof, each "
-        f"given half a second of its own for an instance; {undecided} instances of "
+        "`learned`: the network's greedy choices; `guided`: its search; `exact`: the proof. Each is given "
+        f"{world.planners.guided.max_seconds:g} s of its own for an instance; {undecided} instances of "
         f"{sum(len(one.rows['exact']) for one in found.worlds)} stay undecided.",
         "",
         f"\\*: the network has learned from this layout, reach and number of obstacles; that is "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -23,6 +23,7 @@ from dore.plan import Status
 from dore.reach import Reach
 from dore.rules import retrievable
 from dore.run_folder import read_config
+from scripts.table4_runs import read_json
 
 SIZED = "wide_hand"
 """The reach that all sizes and densities are measured with."""
@@ -137,17 +138,24 @@ def read_evaluations(folder: Path, trained: Sequence[str]) -> Evaluations:
         rows: dict[str, list[Row]] = {"exact": read_rows(exact / ROWS)}
         for row in read_rows(path):
             rows.setdefault(row.planner, []).append(row)
-        name, percent = path.parents[2].name, int(path.parents[1].name.rpartition("_")[2])
-        worlds.append(World(name, percent, cfg, _known(cfg, from_these), rows))
+        if missing := [name for name in PLANNERS if name not in rows]:
+            raise InputError(f"{path}: no rows of {', '.join(missing)}")
+        percent = re.fullmatch(r".+_(\d+)", path.parents[1].name)
+        if percent is None:
+            raise InputError(f"{path.parents[1]}: want a folder called SIZE_PERCENT, as 8x8_20")
+        worlds.append(World(path.parents[2].name, int(percent[1]), cfg, _known(cfg, from_these), rows))
     if not worlds:
         raise InputError(f"{folder}: nothing is evaluated, want REACH/SIZE_PERCENT with exact and model")
     worlds.sort(key=lambda world: (world.n_cells, world.size, world.percent))
-    abouts = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("**/about.json"))]
+    models = sorted({str(world.cfg.model) for world in worlds})
+    if len(models) > 1:
+        raise InputError(f"{folder}: evaluated with {' and '.join(models)}, want one model")
+    abouts = [read_json(path) for path in sorted(folder.glob("**/about.json"))]
     return Evaluations(
         worlds,
-        commits=sorted({about["commit"] for about in abouts}),
+        commits=sorted({str(about["commit"]) for about in abouts}),
         torch=sorted({about["versions"]["torch"] for about in abouts}),
-        model=str(worlds[0].cfg.model),
+        model=models[0],
     )
 
 

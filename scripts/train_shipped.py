@@ -1,9 +1,10 @@
 """Trains the model that ships inside the package: one separated DQN for every layout, on mixed boards in turn.
 
-python scripts/train_shipped.py [--minutes 30] [--out dore/weights/generalist.safetensors]
+python -m scripts.train_shipped [--minutes 30] [--out outputs/generalist/generalist.safetensors]
 
 Each world below is an environment, a buffer and a test of its own; the networks, their mean, the optimiser and the
-targets are one. The weights kept are those of the lowest mean IPT cost over all worlds, on validation splits.
+targets are one. The weights kept are those of the lowest mean IPT cost over all worlds, on validation splits. What is
+to ship is copied to dore/weights by hand, weights and JSON.
 """
 
 from __future__ import annotations
@@ -11,24 +12,27 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
 import hydra
 import torch
+from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from dore import build
 from dore.agents.sequential import Sequential
 from dore.checkpoint import save_model
-from dore.errors import atomic_write
+from dore.errors import InputError, atomic_write, number
 from dore.paths import conf_dir
 from dore.run_folder import commit
 from dore.session import trainer_of
-from dore.training import Trainer
+from dore.training import Diverged, Trainer
 
 WORLDS = (
     "layout=8x8 instances=z3-13 reach=wide_hand",
@@ -60,23 +64,34 @@ class Course:
     tests: list[dict[str, float]] = field(default_factory=list)
 
 
-def main() -> None:
-    """Train, test now and then, keep the best, and write the model card's figures beside it."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Train, test now and then, keep the best, and write the model card's figures beside it; the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--test-minutes", type=float, default=2.5, help="between two tests")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("dore/weights/generalist.safetensors"))
+    parser.add_argument("--out", type=Path, default=Path("outputs/generalist/generalist.safetensors"))
     parser.add_argument("overrides", nargs="*", help="of every world, for tests")
-    chosen = parser.parse_args()
+    chosen = parser.parse_args(arguments)
+    try:
+        for name in ("minutes", "test_minutes"):
+            number(f"--{name.replace('_', '-')}", getattr(chosen, name), above=0.0)
+        _train(chosen)
+    except (InputError, HydraException, Diverged) as error:
+        print(f"train_shipped: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1 if isinstance(error, Diverged) else 2
+    return 0
+
+
+def _train(chosen: argparse.Namespace) -> None:
     course, config = _course(chosen.seed, chosen.overrides)
     began = tested = time.perf_counter()
     with tqdm(total=round(60 * chosen.minutes), unit="s") as bar:
         while (now := time.perf_counter()) - began < 60 * chosen.minutes:
             fallen = (now - began) / (60 * chosen.minutes)
             course.trainers[0].optimizer.param_groups[0]["lr"] = course.rate * (1 - (1 - LAST_RATE) * fallen)
-            for number, trainer in enumerate(course.trainers):
-                course.shown[number] = trainer.iterate(course.shown[number])
+            for place, trainer in enumerate(course.trainers):
+                course.shown[place] = trainer.iterate(course.shown[place])
             bar.n = round(now - began)
             bar.set_postfix_str(f"best cost {course.best:.4f}, loss {course.trainers[0].progress.loss:.3f}")
             if now - tested > 60 * chosen.test_minutes:
@@ -89,11 +104,11 @@ def _course(seed: int, overrides: list[str]) -> tuple[Course, dict[str, Any]]:
     """One trainer a world; the first one's agent, optimiser and targets serve all."""
     trainers: list[Trainer] = []
     config: dict[str, Any] = {}
-    for number, world in enumerate(WORLDS):
+    for world in WORLDS:
         with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
             cfg = hydra.compose("train", [*world.split(), *SHARED.split(), f"seed={seed}", *overrides])
         trainer = trainer_of(cfg)
-        if number:
+        if trainers:
             trainer.agent = cast(Sequential, trainers[0].agent).on(build.reach_of(cfg, cfg.device))
             trainer.optimizer, trainer.targets = trainers[0].optimizer, trainers[0].targets
             trainer.averaged = trainers[0].averaged
@@ -124,4 +139,4 @@ def _test(course: Course, config: dict[str, Any], out: Path, seconds: float) -> 
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -38,7 +38,8 @@ def evaluation(folder: Path, reach: str, size: str, percent: int, obstacles: int
     """Write what scripts/generalist.sh leaves of a world; its folder."""
     world = folder / reach / f"{size}_{percent}"
     n = [f"instances.min_obstacles={obstacles}", f"instances.max_obstacles={obstacles}"]
-    cfg = composed([f"layout={size}", f"reach={reach}", "instances=z3-7", *n, "model=weights", "run_dir=run"])
+    what = [f"layout={size}", f"reach={reach}", "instances=z3-7", *n, "planner=[learned,guided]"]
+    cfg = composed([*what, "model=weights", "run_dir=run"])
     for name, mine in found.items():
         run = world / name
         run.mkdir(parents=True)

@@ -108,3 +108,17 @@ def test_a_row_is_what_it_is_alone_and_shapes_fit():
     assert torch.equal(planes, alone)
     mask = placeable(reach, board, target)
     assert encode(reach, board, target, mask, "lanes").shape[1] == n_planes("lanes", with_mask=True)
+
+
+def test_a_changed_cost_is_nearly_that_of_the_changed_board():
+    """Which lanes are near, and what can be reached, is not worked out again for each cell."""
+    reach = wide_hand(6, 6)
+    board, target = FreshInstances(reach, Difficulty(3, 8), "train", 4).draw(200)
+    changed = lane_costs(reach, board, target).changed
+    same = total = 0
+    for cell in range(36):
+        rows = target != cell
+        after = board[rows] ^ bit(torch.full_like(target[rows], cell), 1)
+        same += int((lane_costs(reach, after, target[rows]).now == changed[rows, cell]).sum())
+        total += int(rows.sum())
+    assert same / total > 0.95

@@ -86,11 +86,22 @@ def test_training_writes_weights_and_a_card(tmp_path, monkeypatch):
     monkeypatch.setattr(train_shipped, "WORLDS", train_shipped.WORLDS[2:4])
     small = ["instances.validation_size=20", "ipt.batch_size=20", "env.num_envs=8", "training.learning_starts=8"]
     more = ["instances.max_obstacles=5", "network.width=8", "training.batch_size=8"]
-    monkeypatch.setattr("sys.argv", ["x", "--minutes", "0.02", "--out", str(out), *small, *more])
-    train_shipped.main()
+    assert train_shipped.main(["--minutes", "0.02", "--out", str(out), *small, *more]) == 0
     weights, config = load_model(out)
     assert config["network"]["width"] == 8
     assert any("pick" in name for name in weights)
     card = json.loads(out.with_suffix(".json").read_text())
     assert {"commit", "seed", "tests"} <= card.keys()
-    assert json.loads(SHIPPED.with_suffix(".json").read_text()).keys() == card.keys()
+    shipped = json.loads(SHIPPED.with_suffix(".json").read_text())
+    assert shipped.keys() == card.keys()
+    assert {*card["tests"][-1]} - {*train_shipped.WORLDS} == {"seconds", "updates", "mean_cost"}
+    assert {*card["tests"][-1]} < {*shipped["tests"][-1]}, "the card of an older script"
+
+
+def test_training_refuses_in_one_line(tmp_path, capsys):
+    for words, says in ((["--minutes", "0"], "--minutes: got 0.0"), (["layout=none"], "layout")):
+        assert train_shipped.main(["--out", str(tmp_path / "m.safetensors"), *words]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("train_shipped: ")
+        assert says in line
+    assert not list(tmp_path.iterdir())
