@@ -37,8 +37,9 @@ def draw(path: Path, runs: Runs) -> None:
             mark(axes, PAPER[structure][column], COLOURS[structure], f"paper: {name}, in the end", start)
             if run := runs.literal.get((structure, column)):
                 draw_runs(axes, [run.tests], COLOURS[structure], f"literal: {name}")
-        seeds = [run.tests for (_, one), run in runs.improved.items() if one == column]
-        draw_runs(axes, seeds, GREEN, IMPROVED)
+        # The same agents twice: tested often until they pass the paper's test, and tested now and then to the end.
+        for trained in (runs.sooner, runs.improved):
+            draw_runs(axes, [run.tests for (_, one), run in trained.items() if one == column], GREEN, IMPROVED)
     for axes in panels[-1]:
         axes.set_xlabel("episodes", fontsize=9, color=INK)
     for axes in panels[:, 0]:
