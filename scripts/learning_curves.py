@@ -18,12 +18,13 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Ipt:
-    """One IPT: after how many episodes and seconds of training, the share that was solved, and by how many moves."""
+    """One IPT: after how many episodes, seconds and updates, and the share that was solved, by how many moves."""
 
     episodes: int
     seconds: float
     success: float
     rearrangements: float = math.nan
+    updates: int = 0
 
 
 def read_tests(run: Path) -> list[Ipt]:
@@ -41,6 +42,7 @@ def read_tests(run: Path) -> list[Ipt]:
                     float(row["seconds"]),
                     float(row["success"]),
                     float(row["rearrangements"] or math.nan),
+                    int(row["updates"]),
                 )
                 for row in csv.DictReader(file)
                 if row["success"]

@@ -147,7 +147,7 @@ def _literal(runs: Runs) -> Metric:
     """How far the literal runs went."""
     entries = []
     for structure, name in STRUCTURES.items():
-        for what, value in _FIGURES.items():
+        for what, value in {**_FIGURES, **_LITERAL}.items():
             for column in runs.columns:
                 if run := runs.literal.get((structure, column)):
                     entries.append(point(f"{name}: {what}", column, value(run), 1))
@@ -158,6 +158,16 @@ def _literal(runs: Runs) -> Metric:
     return Metric("how far the literal runs went", note, entries, digits=4)
 
 
+def _before_copies(run: Trained) -> float:
+    """The best IPT, in percent, while the targets are still those of the untrained networks."""
+    every = run.cfg.target_update.get("value_network_update_interval", 0) + 1
+    return 100 * max((one.success for one in run.tests if one.updates < every), default=math.nan)
+
+
+_LITERAL: dict[str, Callable[[Trained], float]] = {
+    "best IPT before targets are first copied (%)": _before_copies,
+    "last IPT (%)": lambda run: 100 * run.tests[-1].success if run.tests else math.nan,
+}
 _FIGURES: dict[str, Callable[[Trained], float]] = {
     "episodes": lambda run: run.done["episodes"],
     "of T_lim (%)": lambda run: 100 * run.done["episodes"] / run.cfg.training.max_episodes,
