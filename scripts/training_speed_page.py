@@ -49,7 +49,7 @@ What was changed:
 
 - The optimiser is fused Adam (`optimizer.fused`): one pass over each weight.
 - One sample and one decoding for all updates of a step: observations and masks of `updates_per_step` batches at once.
-- The networks may multiply in bfloat16 while they learn (`training.precision`); weights and targets stay float32.
+- The networks may multiply in bfloat16 while they learn (`training.precision`); weights and errors stay float32.
 - The lanes' costs are a product of matrices, and sums over tables of bytes. They look further than before, so on
   `lanes` the loop does more after than before.
 - The mean of the weights (`training.averaging`) is new, and is time spent; the literal form has none."""
