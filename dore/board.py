@@ -32,10 +32,10 @@ def pack(occupied: Tensor) -> Tensor:
 
 def unpack(board: Tensor, n_cells: int) -> Tensor:
     """Int64[..., W] -> Bool[..., G]."""
-    cell = torch.arange(n_cells, device=board.device)
-    if board.shape[-1] == 1:
-        return ((board >> cell) & 1).bool()
-    return ((board[..., cell // WORD] >> (cell % WORD)) & 1).bool()
+    cell = torch.arange(min(WORD, n_cells), device=board.device)
+    words = [((word[..., None] >> cell) & 1).bool() for word in board.unbind(-1)]
+    # Word by word: gathering each cell's word first takes several times as long.
+    return words[0] if len(words) == 1 else torch.cat(words, -1)[..., :n_cells]
 
 
 def bit(cell: Tensor, words: int) -> Tensor:
