@@ -215,12 +215,11 @@ class Reach:
 
 def _free(board: Tensor, masks: Tensor, reachable: Tensor) -> Tensor:
     """Bool[B, G] from Int64[B, W], Int64[D, G, W], Bool[G]; a loop over D, so no (B, G, D) temporary."""
-    if board.shape[-1] == 1:
-        free = (board & masks[0, :, 0]) == 0
-        for mask in masks[1:, :, 0]:
-            free |= (board & mask) == 0
-    else:
-        free = ((board[:, None] & masks[0]) == 0).all(-1)
-        for mask in masks[1:]:
-            free |= ((board[:, None] & mask) == 0).all(-1)
+    words = [word[:, None] for word in board.unbind(-1)]
+    free = torch.zeros(len(board), masks.shape[1], dtype=torch.bool, device=board.device)
+    for mask in masks.unbind(0):
+        blocked = words[0] & mask[:, 0]
+        for w, word in enumerate(words[1:], 1):
+            blocked = blocked | (word & mask[:, w])
+        free |= blocked == 0
     return free & reachable
