@@ -202,7 +202,7 @@ def test_the_script_ends_and_does_nothing_twice(tmp_path):
     assert first.returncode == 0, first.stderr
     assert "4 jobs done (0 of them before), 0 broken" in first.stdout
     again = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
-    assert again.stdout.count("4 jobs done (4 of them before), 0 broken") == 2
+    assert again.stdout.count("4 jobs done (4 of them before), 0 broken") == 3
     assert again.stdout.count("is evaluated") == 2 * (2 + 2 + 2)
     page = (tmp_path / "table4.md").read_text(encoding="utf-8")
     for word in (
