@@ -6,11 +6,11 @@ REPORT.png are written.
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 
@@ -18,10 +18,10 @@ from dore.intervals import UNKNOWN
 from dore.tables import as_markdown
 from scripts.ablation_figure import draw
 from scripts.ablation_runs import BASES, NONE, Variant, read_variants
-from scripts.entry_tables import spread, table
+from scripts.entry_tables import spread, table, write_csv
 from scripts.learning_curves import reached
 from scripts.paper_entries import Entry, Metric, point
-from scripts.report_files import Report, write_report
+from scripts.report_files import Report, page_main
 
 WANTED = 0.95
 END, GAIN, MOVES, EPISODES, SECONDS = (
@@ -36,17 +36,15 @@ COLUMNS = (END, GAIN, MOVES, EPISODES, SECONDS)
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the three files; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("report", type=Path)
-    chosen = parser.parse_args(arguments)
-    return write_report("ablation_page", chosen.report, lambda: _report(chosen.folder, chosen.report.name))
+    return page_main("ablation_page", __doc__, _report, arguments)
 
 
 def _report(folder: Path, name: str) -> Report:
     variants = read_variants(folder)
     metrics = metrics_of(variants)
-    return Report(metrics, lambda path: draw(path, variants), _page(variants, metrics, name))
+    return Report(
+        partial(write_csv, metrics=metrics), lambda path: draw(path, variants), _page(variants, metrics, name)
+    )
 
 
 def metrics_of(variants: Sequence[Variant]) -> list[Metric]:

@@ -6,14 +6,14 @@ and REPORT.png are written.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from dore.tables import as_markdown
-from scripts.entry_tables import table
+from scripts.entry_tables import table, write_csv
 from scripts.generalist_figure import draw
 from scripts.generalist_metrics import (
     OF_ALL,
@@ -26,7 +26,7 @@ from scripts.generalist_metrics import (
 )
 from scripts.generalist_worlds import SIZED, Evaluations, Known, read_evaluations
 from scripts.paper_entries import Metric
-from scripts.report_files import Report, write_report
+from scripts.report_files import Report, page_main
 from scripts.train_shipped import WORLDS
 
 MARK = " \\*"
@@ -34,17 +34,17 @@ MARK = " \\*"
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the three files; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("report", type=Path)
-    chosen = parser.parse_args(arguments)
-    return write_report("generalist_page", chosen.report, lambda: _report(chosen.folder, chosen.report.name))
+    return page_main("generalist_page", __doc__, _report, arguments)
 
 
 def _report(folder: Path, name: str) -> Report:
     found = read_evaluations(folder, WORLDS)
     metrics = metrics_of(found)
-    return Report(metrics, lambda path: draw(path, found) if found.sized else None, _page(found, metrics, name))
+    return Report(
+        partial(write_csv, metrics=metrics),
+        lambda path: draw(path, found) if found.sized else None,
+        _page(found, metrics, name),
+    )
 
 
 def _page(found: Evaluations, metrics: Sequence[Metric], name: str) -> list[str]:

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from dore.tables import Table, as_markdown
-from scripts.entry_tables import cell
+from scripts.entry_tables import cell, write_csv
 from scripts.paper_entries import ALL, Metric
 from scripts.paper_figure import draw
 from scripts.paper_metrics import MOVES, SOLVED, TIME, table_1, table_2_or_3
@@ -46,7 +46,9 @@ def _report(table: int, folder: Path, name: str) -> Report:
     layout = runs.world.layout
     metrics = table_1(runs.columns) if table == 1 else table_2_or_3(runs.columns, f"{layout.rows}x{layout.cols}")
     drawn = [one for one in metrics if one.name in DRAWN[table]]
-    return Report(metrics, lambda path: draw(path, drawn), _page(table, runs, metrics, name))
+    return Report(
+        partial(write_csv, metrics=metrics), lambda path: draw(path, drawn), _page(table, runs, metrics, name)
+    )
 
 
 def _page(table: int, runs: Runs, metrics: Sequence[Metric], name: str) -> list[str]:

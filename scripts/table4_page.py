@@ -6,16 +6,16 @@ REPORT.png are written.
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from dore.tables import as_markdown
-from scripts.entry_tables import table
+from scripts.entry_tables import table, write_csv
 from scripts.paper_entries import Metric
-from scripts.report_files import Report, write_report
+from scripts.report_files import Report, page_main
 from scripts.table4_figure import draw, titled
 from scripts.table4_metrics import metrics_of
 from scripts.table4_runs import Runs, read_runs
@@ -23,17 +23,14 @@ from scripts.table4_runs import Runs, read_runs
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the three files; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("report", type=Path)
-    chosen = parser.parse_args(arguments)
-    return write_report("table4_page", chosen.report, lambda: _report(chosen.folder, chosen.report.name))
+    return page_main("table4_page", __doc__, _report, arguments)
 
 
 def _report(folder: Path, name: str) -> Report:
     runs = read_runs(folder)
     metrics = metrics_of(runs)
-    return Report(metrics, lambda path: draw(path, runs), _page(runs, metrics, name))
+    figures = partial(write_csv, metrics=metrics)
+    return Report(figures, lambda path: draw(path, runs), _page(runs, metrics, name))
 
 
 def _page(runs: Runs, metrics: Sequence[Metric], name: str) -> list[str]:

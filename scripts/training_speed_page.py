@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from dore.errors import InputError, atomic_write
 from dore.tables import Table, as_markdown
+from scripts.report_files import Report, write_report
 from scripts.training_speed_figure import draw
 from scripts.training_speed_rows import Speed, read_speeds
 
@@ -61,21 +62,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("rows", type=Path)
     parser.add_argument("report", type=Path)
     chosen = parser.parse_args(arguments)
-    try:
-        speeds = read_speeds(chosen.rows)
-        wanted = [name for one in COMPARED for name in (one.before, *(name for _, name in one.after))]
-        if missing := [name for name in (*wanted, *BOARDS, *CORES) if name not in speeds]:
-            raise InputError(f"{chosen.rows}: no {', '.join(missing)}; want what scripts/training_speed.sh measures")
-    except InputError as error:
-        print(f"training_speed_page: {error}", file=sys.stderr)
-        return 2
-    chosen.report.parent.mkdir(parents=True, exist_ok=True)
-    write_csv(chosen.report.with_suffix(".csv"), speeds.values())
-    draw_speeds(chosen.report.with_suffix(".png"), speeds)
-    with atomic_write(chosen.report.with_suffix(".md")) as file:
-        file.write("\n".join(page(speeds, chosen.report.name)) + "\n")
-    print(chosen.report.with_suffix(".md"))
-    return 0
+    return write_report("training_speed_page", chosen.report, lambda: _report(chosen.rows, chosen.report.name))
+
+
+def _report(rows: Path, name: str) -> Report:
+    speeds = read_speeds(rows)
+    wanted = [name for one in COMPARED for name in (one.before, *(name for _, name in one.after))]
+    if missing := [name for name in (*wanted, *BOARDS, *CORES) if name not in speeds]:
+        raise InputError(f"{rows}: no {', '.join(missing)}; want what scripts/training_speed.sh measures")
+    return Report(
+        lambda path: write_csv(path, speeds.values()), lambda path: draw_speeds(path, speeds), page(speeds, name)
+    )
 
 
 def write_csv(path: Path, speeds: Iterable[Speed]) -> None:
