@@ -19,6 +19,9 @@ from dore.tensor_files import read_tensors, write_tensors
 CHECKPOINT_FORMAT = "dore-checkpoint/1"
 MODEL_FORMAT = "dore-model/1"
 MODEL_NAME = "model.safetensors"
+"""The model that a run returns."""
+BEST_NAME = "best.safetensors"
+"""That of the best IPT, beside it, where a run returns the last one (`training.keep=last`)."""
 SHIPPED = Path(__file__).parent / "weights" / "generalist.safetensors"
 """The model inside the package, for every layout; its card lies beside it."""
 

@@ -2,10 +2,14 @@
 
 B denotes the batch, G the cells, n the outputs of a head. Batches are decoded by an agent: they hold each
 head's observation, mask and action, the rewards, `terminated`, and the same under "next".
+
+The online values come from the networks themselves, and only the targets by way of TorchRL's functional parameters,
+which take as long as a small network.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Literal
 
 import torch
@@ -20,6 +24,12 @@ from dore import keys
 MaskMode = Literal["legal", "literal"]
 Heads = Literal["independent", "mean"]
 Chain = Literal["natural", "literal"]
+FailedPick = Literal["skip", "punish"]
+Values = dict[str | keys.Key, Tensor]
+PICK_TARGET, PLACE_TARGET = ("pick", "target"), ("place", "target")
+"""Float[B, 1]: what a chosen action's value is drawn to."""
+PICKED = "picked"
+"""Bool[B]: the pick did not fail, so something was placed."""
 
 
 def masked(values: Tensor, mask: Tensor, mode: MaskMode) -> Tensor:
@@ -46,36 +56,68 @@ def best_value(values: Tensor, chosen_by: Tensor, mask: Tensor, mode: MaskMode) 
 
 
 class _QLoss(LossModule):
-    """What both losses share: greedy values by target networks."""
+    """What both losses share: values by the online networks, greedy values by target networks."""
 
-    def __init__(self, gamma: float, double: bool, mask_mode: MaskMode, loss_function: str) -> None:
+    def __init__(
+        self,
+        online: Mapping[str, TensorDictModule],
+        gamma: float,
+        double: bool,
+        mask_mode: MaskMode,
+        loss_function: str,
+    ) -> None:
         super().__init__()
         self.gamma = gamma
         self.double = double
         self.mask_mode = mask_mode
         self.loss_function = loss_function
+        for name, network in online.items():
+            self.convert_to_functional(network, name, create_target_params=True)
+        # No submodules of this one: their parameters are those that `convert_to_functional` has registered.
+        self.__dict__["_online"] = dict(online)
+        self.in_keys = [key for network in online.values() for key in network.in_keys]
 
     def _forward_value_estimator_keys(self, **kwargs: object) -> None:
         """Nothing to forward: the bootstrap is worked out here."""
 
-    def _run(self, name: str, batch: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
-        """The outputs of a network on a batch, under the given parameters."""
+    def with_targets(self, batch: TensorDictBase) -> TensorDict:
+        """What `forward` needs of a decoded batch, targets included.
+
+        For many updates between which the target networks stay as they are: one large pass instead of many small ones.
+        Not for double Q-learning, where targets also depend on the online networks.
+        """
+        raise NotImplementedError
+
+    def _run(self, name: str, batch: TensorDictBase) -> Values:
+        """What the online network says of a batch."""
+        return _values(self._online[name], batch)
+
+    def _run_target(self, name: str, batch: TensorDictBase) -> Values:
+        """What the target network says of a batch."""
         network: TensorDictModule = getattr(self, name)
-        with params.to_module(network, preserve_module_state=False):
-            outputs = network(batch.select(*network.in_keys))
-        # Under autocast they are of fewer bits; targets and errors are not worked out in these.
-        return outputs.update({key: outputs[key].float() for key in network.out_keys})
+        with getattr(self, f"target_{name}_params").to_module(network, preserve_module_state=False):
+            return _values(network, batch)
 
-    def _bootstrap(self, name: str, batch: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
-        """Target outputs, and those that choose the action."""
-        target = self._run(name, batch, getattr(self, f"target_{name}_params"))
-        chosen_by = self._run(name, batch, getattr(self, f"{name}_params").data) if self.double else target
-        return target, chosen_by
+    def _bootstrap(self, name: str, batch: TensorDictBase) -> tuple[Values, Values]:
+        """Target values, and those that choose the action."""
+        target = self._run_target(name, batch)
+        return target, self._run(name, batch) if self.double else target
 
-    def _error(self, values: Tensor, action: Tensor, target: Tensor) -> Tensor:
-        """The mean loss of the chosen actions' values."""
-        chosen = values.gather(-1, action[:, None])
-        return distance_loss(chosen, target, self.loss_function).mean()
+    def _error(self, values: Tensor, action: Tensor, target: Tensor, counted: Tensor | None = None) -> Tensor:
+        """The mean loss of the chosen actions' values, over the counted rows Bool[B]; 0 where there are none."""
+        errors = distance_loss(values.gather(-1, action[:, None]), target, self.loss_function)
+        if counted is None:
+            return errors.mean()
+        return (errors.squeeze(-1) * counted).sum() / counted.sum().clamp_min(1)
+
+
+def _values(network: TensorDictModule, batch: TensorDictBase) -> Values:
+    """The outputs of the network inside, by key: a small network takes less time than the module around it.
+
+    Under autocast they are of fewer bits; targets and errors are not worked out in these.
+    """
+    outputs = network.module(*(batch[key] for key in network.in_keys))
+    return {key: output.float() for key, output in zip(network.out_keys, outputs, strict=True)}
 
 
 class SingleLoss(_QLoss):
@@ -100,31 +142,35 @@ class SingleLoss(_QLoss):
         heads: Heads,
         loss_function: str,
     ) -> None:
-        super().__init__(gamma, double, mask_mode, loss_function)
-        self.convert_to_functional(network, "network", create_target_params=True)
+        super().__init__({"network": network}, gamma, double, mask_mode, loss_function)
         self.heads = heads
-        self.in_keys = list(network.in_keys)
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        """loss_pick and loss_place of a decoded batch."""
-        values = self._run("network", tensordict, self.network_params)
-        following = tensordict["next"]
-        with torch.no_grad():
-            target, chosen_by = self._bootstrap("network", following)
-            best = [
-                best_value(target[value], chosen_by[value], following[mask], self.mask_mode)
-                for value, mask in ((keys.SLOT_VALUE, keys.SLOT_MASK), (keys.PLACE_VALUE, keys.PLACE_MASK))
-            ]
-            if self.heads == "mean":
-                best = [(best[0] + best[1]) / 2] * 2
-            discount = self.gamma * ~following[keys.TERMINATED]
-            pick_target, place_target = (following[keys.PLACE_REWARD] + discount * value for value in best)
+        """loss_pick and loss_place of a decoded batch, or of one with its targets."""
+        values = self._run("network", tensordict)
+        batch = tensordict if PICK_TARGET in tensordict.keys(True) else self.with_targets(tensordict)
         return TensorDict(
             {
-                "loss_pick": self._error(values[keys.SLOT_VALUE], tensordict[keys.SLOT], pick_target),
-                "loss_place": self._error(values[keys.PLACE_VALUE], tensordict[keys.PLACE], place_target),
+                "loss_pick": self._error(values[keys.SLOT_VALUE], batch[keys.SLOT], batch[PICK_TARGET]),
+                "loss_place": self._error(values[keys.PLACE_VALUE], batch[keys.PLACE], batch[PLACE_TARGET]),
             }
         )
+
+    @torch.no_grad()
+    def with_targets(self, batch: TensorDictBase) -> TensorDict:
+        """See `_QLoss.with_targets`."""
+        following = batch["next"]
+        target, chosen_by = self._bootstrap("network", following)
+        best = [
+            best_value(target[value], chosen_by[value], following[mask], self.mask_mode)
+            for value, mask in ((keys.SLOT_VALUE, keys.SLOT_MASK), (keys.PLACE_VALUE, keys.PLACE_MASK))
+        ]
+        if self.heads == "mean":
+            best = [(best[0] + best[1]) / 2] * 2
+        discount = self.gamma * ~following[keys.TERMINATED]
+        pick_target, place_target = (following[keys.PLACE_REWARD] + discount * value for value in best)
+        kept = batch.select(*self.in_keys, keys.SLOT, keys.PLACE)
+        return kept.update({"pick": {"target": pick_target}, "place": {"target": place_target}})
 
 
 class SequentialLoss(_QLoss):
@@ -133,6 +179,8 @@ class SequentialLoss(_QLoss):
     chain: `natural`: the pick is worth the best place after it, Q_p(s, p) <- max Q_l(s_l, .), and the place
         leads to the next pick, Q_l(s_l, l) <- r + gamma max Q_p(s', .). `literal`: each network bootstraps on
         its own next state, as section 5.2 reads, the pick network with its own reward.
+    failed_pick: what Q_l learns where the pick failed and nothing was lifted: `skip`: nothing (section 5.2 ends at
+        the pick); `punish`: r_n.
     """
 
     pick: TensorDictModule
@@ -150,37 +198,53 @@ class SequentialLoss(_QLoss):
         double: bool,
         mask_mode: MaskMode,
         chain: Chain,
+        failed_pick: FailedPick,
         loss_function: str,
     ) -> None:
-        super().__init__(gamma, double, mask_mode, loss_function)
-        self.convert_to_functional(pick, "pick", create_target_params=True)
-        self.convert_to_functional(place, "place", create_target_params=True)
+        super().__init__({"pick": pick, "place": place}, gamma, double, mask_mode, loss_function)
         self.chain = chain
-        self.in_keys = [*pick.in_keys, *place.in_keys]
+        self.failed_pick = failed_pick
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
-        """loss_pick and loss_place of a decoded batch."""
-        pick_values = self._run("pick", tensordict, self.pick_params)[keys.PICK_VALUE]
-        place_values = self._run("place", tensordict, self.place_params)[keys.PLACE_VALUE]
-        with torch.no_grad():
-            targets = self._natural if self.chain == "natural" else self._literal
-            pick_target, place_target = targets(tensordict, place_values)
+        """loss_pick and loss_place of a decoded batch, or of one with its targets."""
+        pick_values = self._run("pick", tensordict)[keys.PICK_VALUE]
+        place_values = self._run("place", tensordict)[keys.PLACE_VALUE]
+        batch = tensordict
+        if PICK_TARGET not in batch.keys(True):
+            batch = self._with_targets(batch, place_values.detach() if self.double else None)
+        counted = batch[PICKED] if self.failed_pick == "skip" else None
         return TensorDict(
             {
-                "loss_pick": self._error(pick_values, tensordict[keys.PICK], pick_target),
-                "loss_place": self._error(place_values, tensordict[keys.PLACE], place_target),
+                "loss_pick": self._error(pick_values, batch[keys.PICK], batch[PICK_TARGET]),
+                "loss_place": self._error(place_values, batch[keys.PLACE], batch[PLACE_TARGET], counted),
             }
         )
 
-    def _natural(self, batch: TensorDictBase, place_values: Tensor) -> tuple[Tensor, Tensor]:
-        following = batch["next"]
-        lifted = self._run("place", batch, self.target_place_params)[keys.PLACE_VALUE]
-        chosen_by = place_values.detach() if self.double else lifted
-        pick_target = best_value(lifted, chosen_by, batch[keys.PLACE_MASK], self.mask_mode)
-        discount = self.gamma * ~following[keys.TERMINATED]
-        return pick_target, following[keys.PLACE_REWARD] + discount * self._next_best("pick", following)
+    def with_targets(self, batch: TensorDictBase) -> TensorDict:
+        """See `_QLoss.with_targets`."""
+        return self._with_targets(batch, None)
 
-    def _literal(self, batch: TensorDictBase, place_values: Tensor) -> tuple[Tensor, Tensor]:
+    @torch.no_grad()
+    def _with_targets(self, batch: TensorDictBase, online_place: Tensor | None) -> TensorDict:
+        """online_place: the online values of the places, which choose where Q-learning is double."""
+        pick_target, place_target = (
+            self._natural(batch, online_place) if self.chain == "natural" else self._literal(batch)
+        )
+        kept = batch.select(*self.in_keys, keys.PICK, keys.PLACE, PICKED)
+        return kept.update({"pick": {"target": pick_target}, "place": {"target": place_target}})
+
+    def _natural(self, batch: TensorDictBase, online_place: Tensor | None) -> tuple[Tensor, Tensor]:
+        following = batch["next"]
+        reward = following[keys.PLACE_REWARD]
+        lifted = self._run_target("place", batch)[keys.PLACE_VALUE]
+        chosen_by = lifted if online_place is None else online_place
+        pick_target = best_value(lifted, chosen_by, batch[keys.PLACE_MASK], self.mask_mode)
+        if self.failed_pick == "skip":
+            pick_target = torch.where(batch[PICKED][:, None], pick_target, reward)
+        discount = self.gamma * ~following[keys.TERMINATED]
+        return pick_target, reward + discount * self._next_best("pick", following)
+
+    def _literal(self, batch: TensorDictBase) -> tuple[Tensor, Tensor]:
         lifted, following = batch["lifted"], batch["next"]
         goes_on = ~lifted[keys.TERMINATED]
         pick_target = following[keys.PICK_REWARD] + self.gamma * goes_on * self._next_best("pick", lifted)

@@ -55,6 +55,25 @@ class LegalMoves(NamedTuple):
     """Bool[B]: the target is accessible."""
 
 
+class Accessibility(NamedTuple):
+    """What the hand can get to on a board: one check of the board gives all three."""
+
+    pick: Tensor
+    """Bool[B, G]: m_p, eq. 11-12: an obstacle stands there and the hand can get to it."""
+    place: Tensor
+    """Bool[B, G]: m_l, eq. 16-17, where the board's picked obstacle is off: empty and in the hand's reach."""
+    target: Tensor
+    """Bool[B]: the target can be retrieved."""
+
+
+def accessibility(reach: Reach, board: Tensor, target: Tensor) -> Accessibility:
+    """Both masks of Int64[B, W] boards, and whether their Int64[B] targets are accessible."""
+    standing = board | bit(target, board.shape[-1])
+    free = reach.free(standing)
+    obstacles, taken = unpack(board, reach.n_cells), unpack(standing, reach.n_cells)
+    return Accessibility(free & obstacles, free & ~taken, free.gather(-1, target[:, None]).squeeze(-1))
+
+
 def pickable(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
     """Bool[B, G]: m_p, eq. 11-12: an obstacle stands there and the hand can get to it."""
     return reach.free(board | bit(target, board.shape[-1])) & unpack(board, reach.n_cells)

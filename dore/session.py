@@ -16,7 +16,7 @@ from torchrl.record.loggers import Logger
 from tqdm import tqdm
 
 from dore.build import MODEL, agent_of, call, make, reach_of, splits_of, use_threads
-from dore.checkpoint import MODEL_NAME, save_checkpoint, save_model
+from dore.checkpoint import BEST_NAME, MODEL_NAME, save_checkpoint, save_model
 from dore.curves import draw_learning_curve
 from dore.errors import InputError, number, seed_of, whole
 from dore.memory import memory_for
@@ -48,9 +48,11 @@ def trainer_of(cfg: DictConfig) -> Trainer:
     whole("log_every", cfg.log_every, 1)
     number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
     capacity = whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
-    starts = whole("training.learning_starts", cfg.training.learning_starts, 1)
-    if starts > capacity:
-        raise InputError(f"training.learning_starts: {starts} is more than buffer.storage.max_size {capacity} holds")
+    for name in ("fill", "learning_starts"):
+        if whole(f"training.{name}", cfg.training[name], 0) > capacity:
+            raise InputError(
+                f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
+            )
     if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
         raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
     use_threads(cfg.threads)
@@ -121,11 +123,12 @@ class Session:
             self.bar.close()
         self._conclude(ending)
         self.metrics.close()
-        draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
+        if self.trainer.progress.env_steps:
+            draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
         return ending
 
     def _conclude(self, ending: Ending) -> None:
-        """Keep a model, the best one where there was a test, and say how the run ended.
+        """Keep a model, the one that `training.keep` wants, and say how the run ended.
 
         A budget's end is tested after the checkpoint is written: a larger budget goes on from it as if this test
         had never been.
@@ -135,8 +138,8 @@ class Session:
             tested = self.trainer.run_test()
             self._keep_best(tested)
             self._log(progress, tested)
-        if not (self.folder / MODEL_NAME).exists():
-            self._save_model()
+        if self.trainer.budget.keep == "last" or not (self.folder / MODEL_NAME).exists():
+            self._save_model(MODEL_NAME)
         if ending is not Ending.INTERRUPTED:
             mark_done(self.folder, {"ending": str(ending), **asdict(progress)})
 
@@ -147,18 +150,28 @@ class Session:
 
     def _report(self, progress: Progress, tested: TestResult | None) -> None:
         self.bar.n = progress.episodes
+        if progress.filled and not progress.env_steps:
+            self._report_fill(progress)
         if tested is not None:
             self._keep_best(tested)
-        if tested is not None or progress.iteration % self.log_every == 0:
+        if tested is not None or (progress.env_steps and progress.iteration % self.log_every == 0):
             self._log(progress, tested)
         if time.perf_counter() - self._saved_at > self.checkpoint_s:
             self._save_checkpoint()
 
+    def _report_fill(self, progress: Progress) -> None:
+        how = f"filling the replay: {progress.filled:,} of {self.trainer.budget.fill:,} transitions"
+        self.bar.set_postfix_str(how)
+        if self.bar.disable and time.perf_counter() - self._told_at > TELL_S:
+            print(how, flush=True)
+            self._told_at = time.perf_counter()
+
     def _keep_best(self, tested: TestResult) -> None:
+        """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
         progress = self.trainer.progress
         if progress.best_cost is None or tested.cost <= progress.best_cost:
             progress.best_success, progress.best_cost = tested.success, tested.cost
-            self._save_model()
+            self._save_model(MODEL_NAME if self.trainer.budget.keep == "best" else BEST_NAME)
 
     def _log(self, progress: Progress, tested: TestResult | None) -> None:
         now, steps = time.perf_counter(), progress.env_steps
@@ -195,6 +208,5 @@ class Session:
             save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
         self._saved_at = time.perf_counter()
 
-    def _save_model(self) -> None:
-        """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
-        save_model(self.folder / MODEL_NAME, self.trainer.averaged.weights(), self.model_config)
+    def _save_model(self, name: str) -> None:
+        save_model(self.folder / name, self.trainer.averaged.weights(), self.model_config)

@@ -13,16 +13,16 @@ import torch
 from tensordict import TensorDictBase
 from torch import nn
 from torchrl.data import ReplayBuffer
-from torchrl.objectives.utils import TargetNetUpdater
+from torchrl.objectives.utils import HardUpdate, TargetNetUpdater
 
-from dore import keys
 from dore.agents.common import Agent
 from dore.averaging import AveragedWeights
 from dore.budget import Budget, LinearEpsilon
 from dore.env import RearrangeEnv
 from dore.memory import memory_for
 from dore.performance import PerformanceTest, TestResult
-from dore.replay import buffer_state, compact, load_buffer, restore
+from dore.player import Burst, Player, burst_of, burst_state
+from dore.replay import buffer_state, draw_in_order, load_buffer, restore
 
 
 class Diverged(RuntimeError):
@@ -42,10 +42,11 @@ class Ending(StrEnum):
 
 @dataclass
 class Progress:
-    """Where a run is. success, rearrangements: of the last IPT; best: of the model that is kept; loss: of the last
-    update."""
+    """Where a run is. filled: transitions stored before the first episode. success, rearrangements: of the last IPT;
+    best: of the best one; loss: of the last updates."""
 
     iteration: int = 0
+    filled: int = 0
     env_steps: int = 0
     episodes: int = 0
     updates: int = 0
@@ -80,7 +81,9 @@ class Trainer:
         self.optimizer, self.targets = optimizer, targets
         self.epsilon, self.test, self.budget = epsilon, test, budget
         self.averaged = AveragedWeights(agent.networks, budget.averaging)
+        self.player = Player(env, agent, budget.update_after)
         self.progress = Progress()
+        self._left: Burst | None = None
 
     def run(self, report: Report, stop: Callable[[], bool]) -> Ending:
         """Train until the IPT passes, the budget is spent, or `stop` says so.
@@ -89,10 +92,9 @@ class Trainer:
             Diverged: the loss is NaN or infinite.
         """
         progress, before = self.progress, time.perf_counter() - self.progress.seconds
-        shown = self.env.observation() if progress.iteration else self.env.reset()
         while not self.spent():
             tests_before = progress.episodes // self.test.every_episodes
-            shown = self.iterate(shown)
+            self.iterate()
             progress.seconds = time.perf_counter() - before
             # Before the first update there is nothing to test.
             due = progress.updates > 0 and progress.episodes // self.test.every_episodes > tests_before
@@ -104,13 +106,23 @@ class Trainer:
                 return Ending.INTERRUPTED
         return Ending.BUDGET
 
-    def iterate(self, shown: TensorDictBase) -> TensorDictBase:
-        """One step of every environment from what it shows, and the updates after it; what they show next."""
-        shown, finished = self._collect(shown)
-        self._learn()
-        self.progress.episodes += finished
-        self.progress.iteration += 1
-        return shown
+    def iterate(self) -> None:
+        """One step of every environment, and the updates after it; while the replay is filled, only the step."""
+        progress = self.progress
+        if not progress.iteration:
+            self.player.reset()
+        progress.iteration += 1
+        if progress.filled < self.budget.fill:
+            self._fill()
+            return
+        if progress.filled and not progress.env_steps:
+            self.player.reset()  # What filled the replay was played before the first episode.
+        burst = self._left or self._play()
+        burst, left = burst.split(burst.until(self._next_stop() - progress.episodes))
+        self._left = left if len(left.stored) else None
+        if len(burst.stored):
+            self._learn(burst)
+            progress.episodes += int(burst.episodes[-1])
 
     def run_test(self) -> TestResult:
         """An IPT of the greedy policy, by the mean of the weights where one is kept."""
@@ -125,33 +137,70 @@ class Trainer:
         out_of_time = minutes is not None and self.progress.seconds >= 60 * minutes
         return out_of_time or self.progress.episodes >= self.budget.max_episodes
 
-    @torch.no_grad()
-    def _collect(self, shown: TensorDictBase) -> tuple[TensorDictBase, int]:
-        """One step of every environment into the buffer; what they show next, and how many episodes ended."""
-        self.progress.epsilon = self.epsilon(self.progress.env_steps)
-        self.agent.set_epsilon(self.progress.epsilon)
+    def _fill(self) -> None:
+        """Store uniformly random play, which counts for nothing (Algorithm 2, line 1)."""
         with memory_for("env.num_envs", self.env.batch_size[0]):
-            step, following = self.env.step_and_maybe_reset(self.agent.policy(shown))
-        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
-            self.buffer.extend(compact(step, self.agent.stored, self.env.reach.n_cells))
-        self.progress.env_steps += self.env.batch_size[0]
-        return following, int(step["next", keys.DONE].sum())
+            rows = self.player.play(epsilon=1.0).rows[: self.budget.fill - self.progress.filled]
+        if len(rows):
+            self._store(rows)
+        self.progress.filled += len(rows)
 
-    def _learn(self) -> None:
-        """The updates of one iteration, once the buffer holds enough."""
-        if len(self.buffer) < self.budget.learning_starts:
-            return
+    def _play(self) -> Burst:
+        """One step of every environment."""
+        progress = self.progress
+        progress.epsilon = self.epsilon(progress.env_steps)
+        with memory_for("env.num_envs", self.env.batch_size[0]):
+            burst = self.player.play(progress.epsilon)
+        progress.env_steps += self.env.batch_size[0]
+        return burst
+
+    def _next_stop(self) -> int:
+        """The number of episodes at which the next IPT is due, or at which the budget is spent."""
+        every = self.test.every_episodes
+        return min((self.progress.episodes // every + 1) * every, self.budget.max_episodes)
+
+    def _store(self, rows: TensorDictBase) -> None:
+        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
+            self.buffer.extend(rows)
+
+    def _learn(self, burst: Burst) -> None:
+        """Store a burst, and make the updates that are due after each of its units."""
         budget = self.budget
-        with memory_for(
-            "training.batch_size", f"{budget.batch_size} x training.updates_per_step {budget.updates_per_step}"
-        ):
-            # All at once, for the buffer stays as it is between them; decoding is dear in small batches.
-            sample = restore(self.buffer.sample(budget.batch_size * budget.updates_per_step))
-            losses = [self._update(batch) for batch in self.agent.decode(sample).split(budget.batch_size)]
-        self.progress.updates += len(losses)
-        self.progress.loss = float(torch.stack(losses).mean())
-        if not math.isfinite(self.progress.loss):
-            raise self._diverged("the loss is")
+        n = budget.batch_size * budget.updates
+        with memory_for("training.batch_size", f"{budget.batch_size} x training.updates {budget.updates}"):
+            # Drawn and decoded all at once: both are costly in small batches.
+            if budget.update_after == "round":
+                self._store(burst.rows)
+                sample = self.buffer.sample(n) if len(self.buffer) >= budget.learning_starts else None
+            else:
+                late = burst.stored[len(self.buffer) + burst.stored >= budget.learning_starts]
+                sample = draw_in_order(self.buffer, burst.rows, late, n) if len(late) else None
+                self._store(burst.rows)
+            losses = [] if sample is None else self._updates(self.agent.decode(restore(sample)))
+        if losses:
+            self.progress.updates += len(losses)
+            self.progress.loss = float(torch.stack(losses).mean())
+            if not math.isfinite(self.progress.loss):
+                raise self._diverged("the loss is")
+
+    def _updates(self, decoded: TensorDictBase) -> list[torch.Tensor]:
+        """One update for each batch of a decoded sample; their losses."""
+        losses: list[torch.Tensor] = []
+        size, first = self.budget.batch_size, 0
+        while first < len(decoded):
+            batches = decoded[first : first + size * self._updates_to_next_copy()]
+            if len(batches) > size:
+                batches = self.agent.loss.with_targets(batches)
+            losses += [self._update(batch) for batch in batches.split(size)]
+            first += len(batches)
+        return losses
+
+    def _updates_to_next_copy(self) -> int:
+        """How many updates have the same targets, if they are worked out ahead."""
+        if self.agent.loss.double or not isinstance(self.targets, HardUpdate):
+            return 1
+        # TorchRL copies once every this-many-plus-one updates.
+        return int(self.targets.value_network_update_interval - self.targets.counter) + 1
 
     def _diverged(self, what: str) -> Diverged:
         progress = self.progress
@@ -192,7 +241,8 @@ class Trainer:
             "targets": self.targets.state_dict(),
             "averaged": self.averaged.state_dict(),
             "buffer": buffer_state(self.buffer),
-            "env": self.env.state_dict(),
+            "player": self.player.state_dict(),
+            "left": None if self._left is None else burst_state(self._left),
             "ipt_generator": self.test.generator.get_state(),
             "rng": torch.get_rng_state(),
             "cuda_rng": torch.cuda.get_rng_state_all() if torch.cuda.is_available() else [],
@@ -207,7 +257,8 @@ class Trainer:
         self.averaged.load_state_dict(state["averaged"])
         with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
             load_buffer(self.buffer, state["buffer"])
-        self.env.load_state_dict(state["env"])
+        self.player.load_state_dict(state["player"])
+        self._left = None if state["left"] is None else burst_of(state["left"])
         self.test.generator.set_state(state["ipt_generator"])
         torch.set_rng_state(state["rng"])
         if state["cuda_rng"] and torch.cuda.is_available():

@@ -55,10 +55,9 @@ LAST_RATE = 0.05
 
 @dataclass
 class Course:
-    """The worlds' trainers, which share one agent, and what each environment shows now."""
+    """The worlds' trainers, which share one agent."""
 
     trainers: list[Trainer]
-    shown: list[Any]
     rate: float
     best: float = math.inf
     tests: list[dict[str, float]] = field(default_factory=list)
@@ -90,8 +89,8 @@ def _train(chosen: argparse.Namespace) -> None:
         while (now := time.perf_counter()) - began < 60 * chosen.minutes:
             fallen = (now - began) / (60 * chosen.minutes)
             course.trainers[0].optimizer.param_groups[0]["lr"] = course.rate * (1 - (1 - LAST_RATE) * fallen)
-            for place, trainer in enumerate(course.trainers):
-                course.shown[place] = trainer.iterate(course.shown[place])
+            for trainer in course.trainers:
+                trainer.iterate()
             bar.n = round(now - began)
             bar.set_postfix_str(f"best cost {course.best:.4f}, loss {course.trainers[0].progress.loss:.3f}")
             if now - tested > 60 * chosen.test_minutes:
@@ -110,6 +109,7 @@ def _course(seed: int, overrides: list[str]) -> tuple[Course, dict[str, Any]]:
         trainer = trainer_of(cfg)
         if trainers:
             trainer.agent = cast(Sequential, trainers[0].agent).on(build.reach_of(cfg, cfg.device))
+            trainer.player.agent = trainer.agent
             trainer.optimizer, trainer.targets = trainers[0].optimizer, trainers[0].targets
             trainer.averaged = trainers[0].averaged
         else:
@@ -117,8 +117,7 @@ def _course(seed: int, overrides: list[str]) -> tuple[Course, dict[str, Any]]:
             config = {name: plain[name] for name in (*build.MODEL, "seed")}
         trainers.append(trainer)
     torch.manual_seed(seed)
-    shown = [trainer.env.reset() for trainer in trainers]
-    return Course(trainers, shown, trainers[0].optimizer.param_groups[0]["lr"]), config
+    return Course(trainers, trainers[0].optimizer.param_groups[0]["lr"]), config
 
 
 def _test(course: Course, config: dict[str, Any], out: Path, seconds: float) -> None:

@@ -64,7 +64,7 @@ def test_the_script_ends_and_does_nothing_twice(tmp_path):
         "OUT": str(tmp_path / "out"),
         "REPORT": str(tmp_path / "ablation"),
         "ONLY": "none heads",
-        "TRAIN": " ".join([*small, "ipt.every_episodes=50", "instances.train_size=50"]),
+        "TRAIN": " ".join([*small, "ipt.every_episodes=50", "instances.train_size=50", "training.fill=0"]),
     }
     script = [str(ROOT / "scripts" / "ablation.sh")]
     first = subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
@@ -92,7 +92,7 @@ def calls() -> list[tuple[str, str, str, list[str]]]:
 def composed(base: str, structure: str, overrides: list[str]):
     GlobalHydra.instance().clear()
     small = ["instances.train_size=20", "instances.validation_size=20", "ipt.batch_size=20", "env.num_envs=4"]
-    small += ["training.learning_starts=1"]
+    small += ["training.learning_starts=1", "training.fill=0"]
     group = "agent" if base == "improved" else "paper"
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
         return hydra.compose("train", [f"experiment=ablation/{base}", f"{group}={structure}", *overrides, *small])
@@ -102,8 +102,8 @@ def composed(base: str, structure: str, overrides: list[str]):
 def test_every_change_of_the_script_learns_and_changes_what_it_says(base, structure, change, overrides):
     cfg = composed(base, structure, overrides)
     trainer = trainer_of(cfg)
-    trainer.iterate(trainer.env.reset())
-    assert trainer.progress.updates
+    while not trainer.progress.updates:
+        trainer.iterate()
     changed = {one.split(":")[0] for one in _changed(composed(base, structure, []), cfg)}
     keys = {override.split("=")[0] for override in overrides}
     assert all(any(one == key or one.startswith(f"{key}.") for key in keys) for one in changed), changed

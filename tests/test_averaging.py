@@ -58,7 +58,7 @@ def test_a_decay_outside_its_domain(decay):
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
 def test_a_run_keeps_the_mean_in_float32(tmp_path, precision):
-    options = [f"training.precision={precision}", "training.max_episodes=60", "training.updates_per_step=1"]
+    options = [f"training.precision={precision}", "training.max_episodes=60", "training.updates=1"]
     for name in "ab":
         assert run("train", [*TINY, *options, "training.averaging=0.9", f"run_dir={tmp_path / name}"]) == 0
     weights = [load_model(tmp_path / name)[0] for name in "ab"]

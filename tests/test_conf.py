@@ -35,8 +35,8 @@ OPTIONS = [f"{group}={option}" for group in (*GROUPS, "target_update") for optio
 def test_every_option_trains(option):
     more = ["layout=8x8"] if option == "instances=z3-13" else []
     trainer = trainer_of(compose("train", [option, *more, *SMALL]))
-    shown, _ = trainer._collect(trainer.env.reset())
-    assert shown.batch_size[0] == trainer.env.batch_size[0]
+    trainer.iterate()
+    assert trainer.progress.env_steps == trainer.env.batch_size[0]
 
 
 @pytest.mark.parametrize("experiment", options("experiment"))

@@ -11,7 +11,7 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from dore import keys
-from dore.losses import SequentialLoss, SingleLoss, best_value, masked
+from dore.losses import PICKED, SequentialLoss, SingleLoss, best_value, masked
 
 OBSERVED_PICK, OBSERVED_PLACE = ("pick", keys.OBSERVATION), ("place", keys.OBSERVATION)
 
@@ -44,10 +44,10 @@ def test_best_value():
     assert best_value(low, low, mask[:1], "literal").item() == 0.0
 
 
-def sequential(chain: str, double: bool = False) -> SequentialLoss:
+def sequential(chain: str, double: bool = False, failed_pick: str = "skip") -> SequentialLoss:
     pick = TensorDictModule(Scale(1.0), in_keys=[OBSERVED_PICK], out_keys=[keys.PICK_VALUE])
     place = TensorDictModule(Scale(1.0), in_keys=[OBSERVED_PLACE], out_keys=[keys.PLACE_VALUE])
-    return SequentialLoss(pick, place, 0.5, double, "legal", chain, "l2")
+    return SequentialLoss(pick, place, 0.5, double, "legal", chain, failed_pick, "l2")
 
 
 def entry(pick=None, place=None, **more) -> TensorDict:
@@ -61,12 +61,12 @@ def entry(pick=None, place=None, **more) -> TensorDict:
     return td
 
 
-def transition(terminated: bool) -> TensorDict:
+def transition(terminated: bool, picked: bool = True) -> TensorDict:
     after = entry(pick=[3.0, 1.0, 9.0], place=[5.0, 4.0, 9.0])
     after[keys.TERMINATED] = torch.tensor([[terminated]])
     after[keys.PLACE_REWARD], after[keys.PICK_REWARD] = torch.tensor([[7.0]]), torch.tensor([[0.25]])
     td = entry(pick=[2.0, 0.5, 9.0], place=[1.0, 6.0, 9.0], next=after)
-    td[keys.PICK], td[keys.PLACE] = torch.tensor([1]), torch.tensor([0])
+    td[keys.PICK], td[keys.PLACE], td[PICKED] = torch.tensor([1]), torch.tensor([0]), torch.tensor([picked])
     td["lifted"] = entry(pick=[8.0, 0.0, 9.0])
     td["lifted", keys.TERMINATED] = torch.tensor([[False]])
     return td
@@ -85,6 +85,28 @@ def test_literal_chain():
     loss = sequential("literal")(transition(terminated=False))
     assert loss["loss_pick"].item() == pytest.approx((0.5 - 4.25) ** 2)
     assert loss["loss_place"].item() == pytest.approx((1.0 - 9.5) ** 2)
+
+
+@pytest.mark.parametrize("chain", ["natural", "literal"])
+def test_the_place_network_learns_nothing_from_a_failed_pick(chain):
+    """Nothing was lifted: only the pick network is told, r_n = 7 here, or its own reward in the literal chain."""
+    failed = transition(terminated=True, picked=False)
+    failed["lifted", keys.TERMINATED] = torch.tensor([[True]])
+    loss = sequential(chain)(failed)
+    assert loss["loss_place"].item() == 0.0
+    assert loss["loss_pick"].item() == pytest.approx((0.5 - (7.0 if chain == "natural" else 0.25)) ** 2)
+    both = torch.cat([failed, transition(terminated=True)])
+    alone = sequential(chain)(transition(terminated=True))["loss_place"]
+    assert sequential(chain)(both)["loss_place"].item() == pytest.approx(alone.item()), "the mean is over real places"
+    punished = sequential(chain, failed_pick="punish")(failed)
+    assert punished["loss_place"].item() == pytest.approx((1.0 - 7.0) ** 2)
+
+
+@pytest.mark.parametrize("chain", ["natural", "literal"])
+def test_targets_worked_out_ahead_give_the_same_loss(chain):
+    loss, td = sequential(chain), torch.cat([transition(False), transition(True), transition(True, picked=False)])
+    at_once, ahead = loss(td), loss(loss.with_targets(td))
+    assert {name: value.item() for name, value in at_once.items()} == {n: v.item() for n, v in ahead.items()}
 
 
 def single(heads: str) -> SingleLoss:

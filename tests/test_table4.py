@@ -46,7 +46,11 @@ def test_every_number_of_table_5(column, paper, e_r, widths, failed):
     assert cfg.agent._target_.endswith({"single": ".Single", "sequential": ".Sequential"}[paper])
     assert cfg.instances.train_size == e_r
     assert cfg.training.max_episodes == 15 * e_r
-    assert cfg.training.learning_starts == min(5 * e_r, cfg.buffer.storage.max_size)
+    assert (cfg.instances.train_size + cfg.instances.validation_size) * 7 == cfg.instances.train_size * 10, (
+        "70 and 30 %"
+    )
+    assert cfg.training.fill == min(5 * e_r, cfg.buffer.storage.max_size)
+    assert (cfg.training.update_after, cfg.training.updates, cfg.training.keep) == ("episode", 1, "last")
     assert (cfg.ipt.target_success, cfg.ipt.batch_size, cfg.ipt.every_episodes, cfg.ipt.n_batches) == (
         0.95,
         1000,
@@ -59,9 +63,9 @@ def test_every_number_of_table_5(column, paper, e_r, widths, failed):
     assert (cfg.exploration.start, cfg.exploration.end) == (1.0, 0.1)
     assert list(cfg.network.widths) == widths
     assert (cfg.env.rewards.solved, cfg.env.rewards.unfinished, cfg.env.rewards.failed) == (10, 0, failed)
-    # DESIGN, section 3: what the paper leaves open, in its literal form.
+    # What the paper leaves open, in its literal form: docs/paper.md.
     literal = {"mask_mode": "literal", "double": False, "loss_function": "l2", "symmetry": False, "encoding": "state"}
-    literal |= {"heads": "independent"} if paper == "single" else {"chain": "literal"}
+    literal |= {"heads": "independent"} if paper == "single" else {"chain": "literal", "failed_pick": "skip"}
     assert {key: cfg.agent[key] for key in literal} == literal
     assert cfg.training.min_episodes == 0
 
@@ -69,7 +73,7 @@ def test_every_number_of_table_5(column, paper, e_r, widths, failed):
 def test_the_first_column_of_table_5():
     cfg = composed("experiment=paper/single_3x6")
     assert (cfg.layout.rows, cfg.instances.train_size, cfg.training.max_episodes) == (3, 119000, 1785000)
-    assert (cfg.training.learning_starts, cfg.env.rewards.failed, list(cfg.network.widths)) == (
+    assert (cfg.training.fill, cfg.env.rewards.failed, list(cfg.network.widths)) == (
         595000,
         -1,
         [400, 300, 300],
@@ -194,7 +198,7 @@ def test_the_script_ends_and_does_nothing_twice(tmp_path):
         "TEST_SIZE": "5",
         "COLUMNS": "6x6_z3-5 7x7_z3-5",
         "SEEDS": "0,1",
-        "LITERAL": "instances.train_size=50",
+        "LITERAL": "instances.train_size=50 training.fill=32",
         "TRAIN": " ".join([*small, "ipt.every_episodes=50"]),
     }
     script = [str(ROOT / "scripts" / "table4.sh")]

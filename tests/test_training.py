@@ -199,10 +199,7 @@ def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr(session.Trainer, "_update", spoilt)
     monkeypatch.setattr(session.Trainer, "_diverged", lambda self, what: Diverged(what))
-    assert (
-        run("train", [*TINY, "training.updates_per_step=1", "checkpoint_minutes=1e-9", f"run_dir={tmp_path / 'run'}"])
-        == 1
-    )
+    assert run("train", [*TINY, "training.updates=1", "checkpoint_minutes=1e-9", f"run_dir={tmp_path / 'run'}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "a weight is no longer finite" in said
     kept = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
@@ -216,10 +213,7 @@ def test_a_batch_that_does_not_fit_names_its_key(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(session.Trainer, "_update", full)
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert (
-        said
-        == "dore-train: training.batch_size: 8 x training.updates_per_step 2 takes more memory than there is, want less"
-    )
+    assert said == "dore-train: training.batch_size: 8 x training.updates 2 takes more memory than there is, want less"
 
 
 def test_epsilon_falls_linearly():
@@ -242,7 +236,10 @@ def test_bad_budget(change, says):
         "max_episodes": 1,
         "max_minutes": None,
         "batch_size": 1,
-        "updates_per_step": 1,
+        "fill": 0,
+        "update_after": "round",
+        "updates": 1,
+        "keep": "best",
         "learning_starts": 1,
     }
     with pytest.raises(InputError, match=says):

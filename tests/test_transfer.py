@@ -126,10 +126,10 @@ def test_the_memory_pieces_a_way_together(failed):
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         trainer = planner._trainer(planner.base.copy_of_agent(), memory)
-        shown = trainer.env.reset()
+        trainer.player.reset()
         while memory.way is None:
             assert not memory.exhausted()
-            shown, _ = trainer._collect(shown)
+            memory.extend(trainer.player.play(trainer.epsilon(0)).rows)
     way = memory[memory.way]
     boards = [tuple(words) for words in way[keys.BOARD].tolist()]
     following = [tuple(words) for words in way["next", keys.BOARD].tolist()]

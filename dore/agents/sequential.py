@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -13,10 +14,10 @@ from dore import keys
 from dore.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty
 from dore.errors import one_of
 from dore.features import Encoding, encode, n_planes
-from dore.losses import Chain, MaskMode, SequentialLoss, masked
+from dore.losses import PICKED, Chain, FailedPick, MaskMode, SequentialLoss, masked
 from dore.networks import NetworkFactory
 from dore.reach import Reach
-from dore.rules import going_back, lift, pickable, placeable, retrievable
+from dore.rules import accessibility, going_back, lift, pickable, placeable
 
 _SEEN_PICK, _SEEN_PLACE = ("pick", keys.OBSERVATION), ("place", keys.OBSERVATION)
 
@@ -31,7 +32,7 @@ class Sequential:
         network: makes the pick and the place network.
         encoding: see `dore.features.Encoding`.
         mask_mode: see `dore.losses.masked`. `legal` also rules out going back to a visited board.
-        chain: see `dore.losses.SequentialLoss`.
+        chain, failed_pick: see `dore.losses.SequentialLoss`.
         gamma: discount of a move.
         double: double Q-learning (the paper's DQN is plain).
         loss_function: smooth_l1 or l2 (the paper's, eq. 3).
@@ -52,9 +53,11 @@ class Sequential:
         double: bool,
         loss_function: str,
         symmetry: bool,
+        failed_pick: FailedPick = "skip",  # Model files of version 0.1 do not name it.
     ) -> None:
         check_hyperparameters(gamma, double, mask_mode, encoding, loss_function, symmetry, reach)
         one_of("agent.chain", chain, Chain)
+        one_of("agent.failed_pick", failed_pick, FailedPick)
         self.reach, self.encoding, self.mask_mode = reach, encoding, mask_mode
         self.chain, self.symmetry = chain, symmetry
         planes, cells = n_planes(encoding, with_mask=True), reach.n_cells
@@ -62,7 +65,7 @@ class Sequential:
             {head: network(layout=reach.layout, n_planes=planes, n_outputs=(cells,)) for head in ("pick", "place")}
         ).to(reach.device)
         pick, place = self._q_modules()
-        self.loss = SequentialLoss(pick, place, gamma, double, mask_mode, chain, loss_function)
+        self.loss = SequentialLoss(pick, place, gamma, double, mask_mode, chain, failed_pick, loss_function)
         self._make_policy()
         rewards = (keys.PLACE_REWARD,) if chain == "natural" else (keys.PLACE_REWARD, keys.PICK_REWARD)
         after = (keys.BOARD, keys.TERMINATED, *rewards)
@@ -148,24 +151,30 @@ class Sequential:
                 rows, self.reach, [board, following], [target, pick, place]
             )
         lifted = lift(board, pick)
-        after = self._entry(following, target, "pick")
-        after.update(batch["next"].select(keys.TERMINATED, keys.PLACE_REWARD, keys.PICK_REWARD, strict=False))
+        literal = self.chain == "literal"
         decoded = self._entry(board, target, "pick")
-        decoded.update(self._entry(lifted, target, "place"))
-        decoded.update({keys.PICK: pick, keys.PLACE: place, "next": after})
-        if self.chain == "literal":
-            after.update(self._entry(following, target, "place"))
-            ends = retrievable(self.reach, lifted, target) | ~pickable(self.reach, board, target).gather(
-                -1, pick[:, None]
-            ).squeeze(-1)
-            decoded["lifted"] = self._entry(lifted, target, "pick").update({keys.TERMINATED: ends[:, None]})
+        picked = decoded[keys.PICK_MASK].gather(-1, pick[:, None]).squeeze(-1)
+        on_lifted = self._entry(lifted, target, *(("pick", "place") if literal else ("place",)))
+        after = self._entry(following, target, "place" if literal else "pick")
+        after.update(batch["next"].select(keys.TERMINATED, keys.PLACE_REWARD, keys.PICK_REWARD, strict=False))
+        decoded.update({"place": on_lifted["place"], keys.PICK: pick, keys.PLACE: place, PICKED: picked, "next": after})
+        if literal:
+            ends = on_lifted["opened"] | ~picked
+            decoded["lifted"] = on_lifted.select("pick").update({keys.TERMINATED: ends[:, None]})
         return decoded
 
-    def _entry(self, board: Tensor, target: Tensor, head: str) -> TensorDict:
-        """A head's observation and mask on a board."""
-        mask = (pickable if head == "pick" else placeable)(self.reach, board, target)
-        seen = encode(self.reach, board, target, mask, self.encoding)
-        return TensorDict({head: {keys.OBSERVATION: seen, "mask": mask}}, batch_size=board.shape[:1])
+    def _entry(self, board: Tensor, target: Tensor, *heads: str) -> TensorDict:
+        """The observations and masks of these heads on a board, and whether its target is accessible."""
+        found = accessibility(self.reach, board, target)
+        masks = {"pick": found.pick, "place": found.place}
+        entries: dict[str, Any] = {
+            head: {
+                keys.OBSERVATION: encode(self.reach, board, target, masks[head], self.encoding),
+                "mask": masks[head],
+            }
+            for head in heads
+        }
+        return TensorDict({**entries, "opened": found.target}, batch_size=board.shape[:1])
 
     def _see_pick(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """The pick network's observation [s, m_p], and what it may choose."""
