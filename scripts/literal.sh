@@ -1,0 +1,51 @@
+#!/usr/bin/env bash
+# Carries on the paper's runs as printed, one after the other, for MINUTES on one core at the lowest priority:
+#   scripts/literal.sh 150
+# Each run goes on from its checkpoint; one that has ended is skipped. docs/results/literal/NAME.csv and NAME.json say how
+# far each is, and `python -m scripts.literal page` draws docs/results/literal.md from them at any time.
+#   LITERAL_HOME: runs and checkpoints, also outside the checkout (outputs/literal). A checkpoint wants the code that wrote
+#   it: start this from a clone that stays as it is. RESULTS: the CSV files (docs/results/literal). BIN: the commands.
+#   ONLY: a pattern of the names of runs. MORE: further overrides of all runs.
+set -euo pipefail
+minutes=${1:?how many minutes}
+cd "$(dirname "$0")/.."
+export OMP_NUM_THREADS=1
+home=${LITERAL_HOME:-outputs/literal}
+results=${RESULTS:-docs/results/literal}
+bin=${BIN:-.venv/bin}
+end=$(($(date +%s) + 60 * minutes))
+margin=60 # seconds that a run is given to write its checkpoint
+
+# run NAME OVERRIDES...: paper_fit comes nearest to the paper's Tables 2 and 3, which do not state their reach.
+run() {
+    local name=$1 left code=0 folder=$home/$1
+    shift
+    # shellcheck disable=SC2254 # ONLY is a pattern.
+    case $name in ${ONLY:-*}) ;; *) return ;; esac
+    left=$((end - $(date +%s) - margin))
+    [ ! -f "$folder/done.json" ] || return 0
+    [ "$left" -gt 0 ] || return 0
+    echo "== $name"
+    # shellcheck disable=SC2086 # MORE holds several overrides.
+    nice -n 19 timeout --signal=INT --kill-after="$margin" "$left" "$bin/dore-train" experiment=paper/table4 \
+        reach=paper_fit logger=none existing=continue run_dir="$folder" "$@" ${MORE:-} || code=$?
+    [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal rows "$folder" "$results/$name"
+    case $code in 0 | 124 | 130) ;; *) echo "literal: $name ended with exit code $code" >&2 ;; esac
+    [ "$code" -ne 130 ] || exit "$code" # Stopped by hand.
+}
+
+few="6x6_z3-5 7x7_z3-5 8x8_z3-5"
+many="6x6_z3-8 7x7_z3-10 8x8_z3-13"
+for seed in 0 1 2; do
+    for structure in sequential single; do
+        for column in $many $few; do
+            run "${structure}_${column}_seed$seed" paper=$structure column="$column" seed=$seed
+        done
+    done
+    # Other readings of what the paper leaves open.
+    other=(paper=sequential column=6x6_z3-8 seed=$seed)
+    run "sequential_6x6_z3-8_natural_seed$seed" "${other[@]}" agent.chain=natural
+    run "sequential_6x6_z3-8_lr0.00025_seed$seed" "${other[@]}" optimizer.lr=0.00025
+    run "sequential_6x6_z3-8_step_seed$seed" "${other[@]}" training.update_after=step
+    run "sequential_6x6_z3-8_wide_hand_seed$seed" "${other[@]}" reach=wide_hand
+done
