@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -144,9 +146,15 @@ class Session:
             mark_done(self.folder, {"ending": str(ending), **asdict(progress)})
 
     def _ask_to_stop(self, signum: int, frame: FrameType | None) -> None:
-        """Stop after this iteration; a second Ctrl-C stops at once."""
+        """Stop after this iteration; a second signal stops at once."""
         self._stop = True
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number_ in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number_, self._stop_at_once)
+
+    def _stop_at_once(self, signum: int, frame: FrameType | None) -> None:
+        """Without a checkpoint: an exception here could break off a write, or surface as another one from torch."""
+        print(f"\nstopped at once; {self.folder} goes on from its last checkpoint, if it has one", file=sys.stderr)
+        os._exit(128 + signal.SIGINT)
 
     def _report(self, progress: Progress, tested: TestResult | None) -> None:
         self.bar.n = progress.episodes

@@ -15,23 +15,32 @@ results=${RESULTS:-docs/results/literal}
 bin=${BIN:-.venv/bin}
 end=$(($(date +%s) + 60 * minutes))
 margin=60 # seconds that a run is given to write its checkpoint
+child="" stopped=""
+
+# A stopped run leaves a checkpoint first; Ctrl-C reaches only this script, for the run is in the background.
+stop() {
+    stopped=yes
+    [ -z "$child" ] || kill -TERM "$child" 2>/dev/null || true
+}
+trap stop INT TERM
 
 # run NAME OVERRIDES...: paper_fit comes nearest to the paper's Tables 2 and 3, which do not state their reach.
 run() {
-    local name=$1 left code=0 folder=$home/$1
+    local name=$1 folder=$home/$1 left code=0
     shift
     # shellcheck disable=SC2254 # ONLY is a pattern.
-    case $name in ${ONLY:-*}) ;; *) return ;; esac
+    case $name in ${ONLY:-*}) ;; *) return 0 ;; esac
     left=$((end - $(date +%s) - margin))
-    [ ! -f "$folder/done.json" ] || return 0
-    [ "$left" -gt 0 ] || return 0
+    [ -z "$stopped" ] && [ ! -f "$folder/done.json" ] && [ "$left" -gt 0 ] || return 0
     echo "== $name"
     # shellcheck disable=SC2086 # MORE holds several overrides.
-    nice -n 19 timeout --signal=INT --kill-after="$margin" "$left" "$bin/dore-train" experiment=paper/table4 \
-        reach=paper_fit logger=none existing=continue run_dir="$folder" "$@" ${MORE:-} || code=$?
+    nice -n 19 timeout --signal=TERM --kill-after="$margin" "$left" "$bin/dore-train" experiment=paper/table4 \
+        reach=paper_fit logger=none existing=continue run_dir="$folder" "$@" ${MORE:-} &
+    child=$!
+    while kill -0 "$child" 2>/dev/null; do wait "$child" && code=0 || code=$?; done
+    child=""
     [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal rows "$folder" "$results/$name"
     case $code in 0 | 124 | 130) ;; *) echo "literal: $name ended with exit code $code" >&2 ;; esac
-    [ "$code" -ne 130 ] || exit "$code" # Stopped by hand.
 }
 
 few="6x6_z3-5 7x7_z3-5 8x8_z3-5"
@@ -49,3 +58,4 @@ for seed in 0 1 2; do
     run "sequential_6x6_z3-8_step_seed$seed" "${other[@]}" training.update_after=step
     run "sequential_6x6_z3-8_wide_hand_seed$seed" "${other[@]}" reach=wide_hand
 done
+[ -z "$stopped" ] || exit 130

@@ -24,10 +24,10 @@ def draw(path: Path, runs: Sequence[Run]) -> None:
     """Write a PNG. The right edge of a panel is T_lim, or the updates of a run that has passed before."""
     tall = -(-len(runs) // WIDE)
     figure = Figure((4.0 * WIDE, 2.5 * tall + 0.3), facecolor="white", layout="constrained")
-    panels = figure.subplots(tall, WIDE, squeeze=False).flat
+    panels = list(figure.subplots(tall, WIDE, squeeze=False).flat)
     for axes, run in zip(panels, runs, strict=False):
         _draw_run(axes, run)
-    for axes in list(panels)[len(runs) :]:
+    for axes in panels[len(runs) :]:
         axes.set_visible(False)
     figure.supxlabel(
         "updates; the right edge is T_lim, or the early stop; ticks below: the targets are copied", fontsize=9

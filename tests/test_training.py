@@ -107,11 +107,11 @@ def test_a_moved_run_logs_where_it_is(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"there"}
 
 
-def start(folder, *more: str) -> subprocess.Popen[bytes]:
+def start(folder, *more: str, stderr=subprocess.DEVNULL) -> subprocess.Popen[bytes]:
     """dore-train in a process of its own, once it has left a checkpoint."""
     code = "from dore.cli import train; train()"
     overrides = [*TINY, "training.max_episodes=1000000", "checkpoint_minutes=0.003", f"run_dir={folder}", *more]
-    process = subprocess.Popen([sys.executable, "-c", code, *overrides], stderr=subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, "-c", code, *overrides], stderr=stderr)
     deadline = time.monotonic() + 90
     while not (folder / "checkpoint.pt").exists() and time.monotonic() < deadline:
         time.sleep(0.1)
@@ -125,6 +125,20 @@ def test_ctrl_c_leaves_a_checkpoint_and_says_how_to_go_on(tmp_path):
     stopped_at = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["progress"]["iteration"]
     assert int(metrics(tmp_path / "run")[-1]["iteration"]) == stopped_at
     assert not (tmp_path / "run" / "done.json").exists()
+
+
+def test_a_second_ctrl_c_stops_at_once_without_a_traceback(tmp_path):
+    log = tmp_path / "log"
+    with open(log, "wb") as file:
+        process = start(tmp_path / "run", stderr=file)
+        os.kill(process.pid, signal.SIGSTOP)  # Both arrive while it is learning.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            process.send_signal(number)
+        os.kill(process.pid, signal.SIGCONT)
+        assert process.wait(60) == 130
+    said = log.read_text(encoding="utf-8")
+    assert "Traceback" not in said
+    assert load_checkpoint(tmp_path / "run" / "checkpoint.pt")
 
 
 def test_kill_9_resumes_from_the_last_checkpoint(tmp_path):
