@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, get_args
+from typing import get_args
 
 
 class InputError(ValueError):
@@ -75,26 +73,3 @@ def number(name: str, value: object, above: float = -math.inf, at_most: float = 
         bounds = [f"above {above:g}"] * (above > -math.inf) + [f"at most {at_most:g}"] * (at_most < math.inf)
         raise InputError(f"{name}: got {value!r}, want a finite number" + " and".join(f" {b}" for b in bounds))
     return float(value)  # type: ignore[arg-type]
-
-
-@contextmanager
-def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
-    """Open a temporary file beside `path` and rename it over `path` if the block ends well.
-
-    A crash, a full disk or an exception leaves the old file, or none, and never half a new one.
-    """
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(temporary, mode, encoding=None if "b" in mode else "utf-8") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as error:
-        # A full disk names no file, and a missing folder names the temporary one.
-        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-    finally:
-        # On a read-only disk even this fails, and would speak of the temporary file.
-        with suppress(OSError):
-            temporary.unlink()

@@ -14,8 +14,8 @@ from functools import partial
 from pathlib import Path
 from statistics import fmean
 
-from dore.intervals import UNKNOWN
-from dore.tables import as_markdown
+from dore.report.intervals import UNKNOWN
+from dore.report.measures import as_markdown
 from scripts.ablation_figure import draw
 from scripts.ablation_runs import BASES, NONE, Variant, read_variants
 from scripts.entry_tables import spread, table, write_csv

@@ -10,8 +10,8 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from dore.app.run_folder import DONE, LEARNING, leaves, read_config
 from dore.errors import InputError
-from dore.run_folder import DONE, LEARNING, leaves, read_config
 from scripts.learning_curves import Ipt, read_tests
 
 NONE = "none"

@@ -20,17 +20,16 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import torch
 
-from dore import build
-from dore.errors import atomic_write
-from dore.instances import InstanceSet
-from dore.plan import PlanFile, Scene
-from dore.run_folder import commit
-from dore.sim.collision import CollisionChecker
-from dore.sim.command import stage_of
-from dore.sim.execute import execute
-from dore.sim.kinematics import ArmKinematics
-from dore.sim.stage import CONTROL_S
-from dore.tables import Table, as_markdown
+from dore.app import build
+from dore.app.execute import stage_of
+from dore.files import atomic_write, commit
+from dore.report.measures import Table, as_markdown
+from dore.sim.motion.collision import CollisionChecker
+from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.run.open_loop import execute
+from dore.sim.run.setup import CONTROL_S
+from dore.world.instances import InstanceSet
+from dore.world.plan import PlanFile, Scene
 from scripts.executions import composed, solvable_scenes
 
 PARTS: dict[str, tuple[Any, str]] = {

@@ -21,16 +21,15 @@ from tempfile import TemporaryDirectory
 import torch
 from tqdm import tqdm
 
-from dore import build
-from dore.errors import InputError, atomic_write, seed_of, whole
-from dore.instances import InstanceSet
-from dore.paths import conf_dir
-from dore.plan import Status
-from dore.plan_files import read_scene
+from dore.app import build
+from dore.errors import InputError, seed_of, whole
+from dore.files import atomic_write, commit, conf_dir
 from dore.planners.label import label
-from dore.run_folder import commit
-from dore.sampling import Difficulty
-from dore.tables import Table, as_markdown
+from dore.report.measures import Table, as_markdown
+from dore.world.files import read_scene
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet
+from dore.world.plan import Status
 from scripts.paper_rows import TABLE_1_PLANNING_S
 from scripts.planner_timing import Size, about, composed, one_at_a_time, process_seconds, share, spread, timed, world
 
@@ -186,7 +185,7 @@ def cold_start(chosen: argparse.Namespace) -> list[str]:
     """Part e."""
     table: Table = [["", "`dore-plan`, s", "of it imports, s", "resident: first, ms", "median, ms", "max, ms"]]
     for name in ("learned", "guided"):
-        imports = process_seconds(sys.executable, "-c", f"import dore.cli, dore.commands, dore.planners.{name}")
+        imports = process_seconds(sys.executable, "-c", f"import dore.app.cli, dore.app.commands, dore.planners.{name}")
         command = Path(sys.executable).with_name("dore-plan")
         with TemporaryDirectory() as folder:
             words = (f"scene={SCENE}", f"planner={name}", "reach=wide_hand", f"out={folder}/plan.json")

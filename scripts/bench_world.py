@@ -18,15 +18,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from dore import board as boards
-from dore import keys
-from dore.env import RearrangeEnv, Rewards
-from dore.errors import atomic_write
-from dore.layout import Layout
-from dore.reach import Reach
-from dore.rules import legal_moves, legal_places, transition
-from dore.run_folder import commit
-from dore.sampling import Difficulty, FreshInstances
+from dore.files import atomic_write, commit
+from dore.learn import keys
+from dore.learn.env import RearrangeEnv, Rewards
+from dore.world import board as boards
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.layout import Layout
+from dore.world.reach import Reach
+from dore.world.rules import legal_moves, legal_places, transition
 
 ROUNDS = 15
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "vfh_reference.json"

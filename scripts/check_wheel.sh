@@ -14,9 +14,9 @@ cd "$work"
 PYTHONPATH=$work/site "$bin/python" -c "
 import dore, pathlib
 assert pathlib.Path(dore.__file__).is_relative_to('$work/site'), dore.__file__
-from dore.cli import train
+from dore.app.cli import train
 train()" experiment=demo run_dir="$work/run" training.max_minutes=0.05 instances.validation_size=1000
 test -f "$work/run/model.safetensors"
-PYTHONPATH=$work/site "$bin/python" -c "from dore.cli import plan; plan()" planner=guided out="$work/plan.json" >/dev/null
+PYTHONPATH=$work/site "$bin/python" -c "from dore.app.cli import plan; plan()" planner=guided out="$work/plan.json" >/dev/null
 test -f "$work/plan.json"
 echo "the wheel works outside the checkout"

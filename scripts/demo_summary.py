@@ -9,8 +9,8 @@ import json
 import sys
 from pathlib import Path
 
-from dore.evaluation import read_rows
-from dore.tables import summarise
+from dore.report.evaluation import read_rows
+from dore.report.measures import summarise
 
 
 def main(out: Path, seconds: str) -> None:

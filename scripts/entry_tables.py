@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean, stdev
 
-from dore.errors import atomic_write
-from dore.intervals import UNKNOWN, Interval
-from dore.tables import Table
+from dore.files import atomic_write
+from dore.report.intervals import UNKNOWN, Interval
+from dore.report.measures import Table
 from scripts.paper_entries import Entry, Metric
 
 COLUMNS = ("metric", "row", "column", "n", "mean", "sd", "low", "high")

@@ -17,11 +17,10 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from dore.errors import atomic_write
-from dore.intervals import percentile, wilson
-from dore.run_folder import commit
-from dore.sim.stage import REPORT_NAME
-from dore.tables import Table, as_markdown
+from dore.files import atomic_write, commit
+from dore.report.intervals import percentile, wilson
+from dore.report.measures import Table, as_markdown
+from dore.sim.run.setup import REPORT_NAME
 from scripts.executions import ARGUMENTS
 
 PUSHED_MM = 5.0

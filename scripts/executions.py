@@ -20,20 +20,21 @@ import torch
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from dore import build
-from dore.errors import InputError, atomic_write, whole
-from dore.instances import InstanceSet
-from dore.paths import conf_dir
-from dore.plan import PlanFile, Scene, Status
+from dore.app import build
+from dore.app.execute import loop_of, planner_of, stage_of
+from dore.configure import make
+from dore.errors import InputError, whole
+from dore.files import atomic_write, conf_dir
 from dore.planners.label import label
-from dore.sampling import Difficulty
-from dore.sim.arm import render_backend
-from dore.sim.closed_execution import execute_closed
-from dore.sim.command import loop_of, planner_of, stage_of
 from dore.sim.config import preset
-from dore.sim.execute import execute
-from dore.sim.eye import Eye
-from dore.sim.stage import REPORT_NAME
+from dore.sim.run.closed_execution import execute_closed
+from dore.sim.run.open_loop import execute
+from dore.sim.run.setup import REPORT_NAME
+from dore.sim.scene.agent import render_backend
+from dore.sim.vision.camera import Eye
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet
+from dore.world.plan import PlanFile, Scene, Status
 
 ARGUMENTS = "arguments.json"
 _KEPT: list[Any] = []
@@ -154,7 +155,7 @@ def _keep_rendering() -> None:
     """One environment stays open in each process: without any, the next one compiles its shaders again, 10 s."""
     cfg = composed(())
     stage, eye = stage_of(cfg, film=False), preset("eye/kinect")
-    env = stage.environment(build.make(cfg.layout, "layout"), stage.bodies(1), render_backend(), eye=eye)
+    env = stage.environment(make(cfg.layout, "layout"), stage.bodies(1), render_backend(), eye=eye)
     env.reset(options={"cells": [0]})
     Eye(eye, 0).look(env)
     _KEPT.append(env)

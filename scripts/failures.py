@@ -15,8 +15,9 @@ import torch
 from hydra.errors import HydraException
 from tqdm import tqdm
 
-from dore.checkpoint import SHIPPED
-from dore.errors import InputError, atomic_write, whole
+from dore.errors import InputError, whole
+from dore.files import atomic_write
+from dore.learn.checkpoint import SHIPPED
 from scripts.failures_figure import draw, drawn_of
 from scripts.failures_found import column_of
 from scripts.failures_page import page

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from dore.board_art import INK, LEGEND
-from dore.errors import atomic_write
-from dore.plan import Move
-from dore.render import PANEL_LEGEND_INCH, Panel, panel_pixels
+from dore.draw.board_art import INK, LEGEND
+from dore.draw.boards import PANEL_LEGEND_INCH, Panel, panel_pixels
+from dore.files import atomic_write
+from dore.world.plan import Move
 from scripts.failures_found import Board, Column, Mistake
 from scripts.failures_page import ENDINGS
 

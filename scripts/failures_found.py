@@ -8,16 +8,16 @@ from pathlib import Path
 
 import torch
 
-from dore import build
-from dore.board import bit
+from dore.app import build
 from dore.errors import InputError
-from dore.instances import InstanceSet, scenes_of
-from dore.lane_features import lane_costs
-from dore.plan import Move, Plan, Scene, Status
+from dore.learn.lane_features import lane_costs
 from dore.planners.base import Planner
-from dore.reach import Reach
-from dore.rules import lift
-from dore.sampling import Batch
+from dore.world.board import bit
+from dore.world.generator import Batch
+from dore.world.instances import InstanceSet, scenes_of
+from dore.world.plan import Move, Plan, Scene, Status
+from dore.world.reach import Reach
+from dore.world.rules import lift
 from scripts.planner_timing import composed
 
 PROOF_S = 10.0

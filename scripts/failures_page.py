@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 import torch
 
-from dore.intervals import Interval, wilson
-from dore.run_folder import commit
-from dore.tables import Table, as_markdown
+from dore.files import commit
+from dore.report.intervals import Interval, wilson
+from dore.report.measures import Table, as_markdown
 from scripts.failures_found import PROOF_S, Board, Column
 
 ENDINGS = {"move budget": "step limit", "no legal move": "no legal move left"}
@@ -23,8 +23,8 @@ def page(columns: Sequence[Column], model: str, command: str, picture: str | Non
         f"`{command}`, commit {commit()}, torch {torch.__version__}, weights `{model}`, seed 0 of the instances, reach "
         f"wide_hand. Boards of the validation split. `learned` is the network's greedy choices; a board can be solved "
         f"where `exact` proves the fewest moves within {PROOF_S:g} s of its own. `now` is the lanes' cost of the start "
-        "board (`dore.lane_features.lane_costs`): the moves that two levels of lanes ask for, what blocks a lane of "
-        "the target and what blocks the hand from that. The network sees the distance through these costs.",
+        "board (`dore.learn.lane_features.lane_costs`): the moves that two levels of lanes ask for, what blocks a lane "
+        "of the target and what blocks the hand from that. The network sees the distance through these costs.",
     ]
     if picture:
         lines += [

@@ -10,7 +10,7 @@ import argparse
 import imageio.v2 as imageio
 from PIL import Image
 
-from dore.errors import atomic_write
+from dore.files import atomic_write
 
 EVERY, QUALITY, LAST_MS = 2, 60, 2500
 

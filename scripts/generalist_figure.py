@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from dore.curves import DPI, INK
-from dore.errors import atomic_write
+from dore.draw.curves import DPI, INK
+from dore.files import atomic_write
 from scripts.generalist_metrics import over_optimum, success
 from scripts.generalist_worlds import PLANNERS, SIZED, Evaluations, Known, World
 from scripts.paper_entries import Entry

@@ -13,16 +13,17 @@ import hydra
 import torch
 from omegaconf import DictConfig
 
-from dore import build
-from dore.board import pack
+from dore.app import build
+from dore.app.run_folder import read_config
+from dore.configure import make
 from dore.errors import InputError
-from dore.evaluation import ROWS, Row, read_rows
-from dore.instances import InstanceSplits
-from dore.paths import conf_dir
-from dore.plan import Status
-from dore.reach import Reach
-from dore.rules import retrievable
-from dore.run_folder import read_config
+from dore.files import conf_dir
+from dore.report.evaluation import ROWS, Row, read_rows
+from dore.world.board import pack
+from dore.world.instances import InstanceSplits
+from dore.world.plan import Status
+from dore.world.reach import Reach
+from dore.world.rules import retrievable
 from scripts.table4_runs import read_json
 
 SIZED = "wide_hand"
@@ -126,7 +127,7 @@ def read_evaluations(folder: Path, trained: Sequence[str]) -> Evaluations:
     Raises:
         InputError: nothing is evaluated, two evaluations of a world with different instances, or a damaged file.
     """
-    from_these = [(build.reach_of(cfg, "cpu"), build.make(cfg.instances, "instances")) for cfg in map(_train, trained)]
+    from_these = [(build.reach_of(cfg, "cpu"), make(cfg.instances, "instances")) for cfg in map(_train, trained)]
     worlds = []
     for path in sorted(folder.glob(f"*/*/model/{ROWS}")):
         exact, model = path.parents[1] / "exact", path.parent

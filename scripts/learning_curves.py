@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from dore.app.run_folder import METRICS
 from dore.errors import InputError
-from dore.run_folder import METRICS
 
 Array = np.ndarray
 

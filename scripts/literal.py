@@ -15,8 +15,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from dore.errors import InputError, atomic_write
-from dore.run_folder import DONE, METRICS, read_config
+from dore.app.run_folder import DONE, METRICS, read_config
+from dore.errors import InputError
+from dore.files import atomic_write
 from scripts.literal_figure import draw
 from scripts.table4_runs import PAPER
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dore.curves import DPI, FAINT, INK
-from dore.errors import atomic_write
+from dore.draw.curves import DPI, FAINT, INK
+from dore.files import atomic_write
 from scripts.curve_panel import BLUE, RED, SHORT
 
 if TYPE_CHECKING:

@@ -19,15 +19,15 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from dore.board import unpack
-from dore.layout import Layout
-from dore.reach import Reach
-from dore.sim.collision import TABLE_OVERHANG_M, CollisionChecker, Contact, Standing
 from dore.sim.config import ArmConfig, ObjectConfig, preset
-from dore.sim.description import arm_files
-from dore.sim.frames import Array
-from dore.sim.kinematics import ArmKinematics, Unreachable
-from dore.sim.lanes import arm_reach, follow_lane
+from dore.sim.motion.arm_reach import arm_reach, follow_lane
+from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Contact, Standing
+from dore.sim.motion.frames import Array
+from dore.sim.motion.kinematics import ArmKinematics, Unreachable
+from dore.sim.scene.urdf import arm_files
+from dore.world.board import unpack
+from dore.world.layout import Layout
+from dore.world.reach import Reach
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle, Wedge
 from torch import Tensor
 
-from dore.errors import atomic_write
-from dore.plan import cell_id
-from dore.reach import Reach
-from dore.run_folder import commit
+from dore.files import atomic_write, commit
+from dore.report.measures import as_markdown
 from dore.sim.config import ArmConfig
-from dore.tables import as_markdown
+from dore.world.plan import cell_id
+from dore.world.reach import Reach
 from scripts.measure_reach import Survey
 
 INK, GRID, ALLOWED, FOLLOWED, TOUCHED, BUG = "#2b2d33", "#b9bdc6", "#bfe0cb", "#2e8b57", "#c8553d", "#d11149"

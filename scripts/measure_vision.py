@@ -18,16 +18,16 @@ import numpy as np
 import torch
 from tqdm import trange
 
-from dore.errors import InputError, atomic_write, seed_of, whole
-from dore.intervals import percentile, wilson
-from dore.layout import Layout
-from dore.run_folder import commit
-from dore.sim.arm import render_backend
+from dore.errors import InputError, seed_of, whole
+from dore.files import atomic_write, commit
+from dore.report.intervals import percentile, wilson
+from dore.report.measures import Table, as_markdown
 from dore.sim.config import preset
-from dore.sim.eye import Eye
-from dore.sim.eye_config import EyeConfig
-from dore.sim.perception import sightings
-from dore.tables import Table, as_markdown
+from dore.sim.scene.agent import render_backend
+from dore.sim.vision.camera import Eye
+from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.perception import sightings
+from dore.world.layout import Layout
 from scripts.vision_figure import draw
 from scripts.vision_scenes import JITTER_M, OBSTACLES, Score, is_told, lay_down, random_setup, standing
 
@@ -117,8 +117,8 @@ def _page(chosen: argparse.Namespace, scores: dict[str, Score], told: list[bool]
         "",
         f"{chosen.scenes} random scenes on 3 x 6 cells of 12 cm, {OBSTACLES[0]} to {OBSTACLES[1]} obstacles and the "
         f"target, cuboids and cans mixed (`objects=mixed`), up to {100 * JITTER_M:g} cm from the middle of their cells "
-        "and turned at random, the arm ready. The noise is that of a Kinect (`dore/sim/depth_noise.py` cites it); "
-        "without it depth is exact to the millimetre. Both look at the same scenes.",
+        "and turned at random, the arm ready. The noise is that of a Kinect (`dore/sim/vision/depth_noise.py` "
+        "cites it); without it depth is exact to the millimetre. Both look at the same scenes.",
         "",
         as_markdown(_table(scores)),
         "",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean, stdev
 
-from dore.intervals import UNKNOWN, Interval, mean_interval, wilson
+from dore.report.intervals import UNKNOWN, Interval, mean_interval, wilson
 from scripts.paper_rows import Cell
 
 ALL = "all"

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dore.curves import DPI, FAINT, INK
-from dore.errors import atomic_write
+from dore.draw.curves import DPI, FAINT, INK
+from dore.files import atomic_write
 from scripts.paper_entries import ALL, PAPER, Entry, Metric
 from scripts.paper_metrics import MOVES, TIME
 from scripts.paper_rows import TRAINED_UP_TO

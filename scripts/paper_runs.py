@@ -11,10 +11,10 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from dore.app.run_folder import DONE, read_config
 from dore.errors import InputError
-from dore.evaluation import ROWS, Row, read_rows
-from dore.plan import Status
-from dore.run_folder import DONE, read_config
+from dore.report.evaluation import ROWS, Row, read_rows
+from dore.world.plan import Status
 
 MODELS = ("single", "sequential")
 SAME = ("layout", "reach", "instances", "split", "limit", "timing", "threads")

@@ -14,13 +14,13 @@ import hydra
 from omegaconf import DictConfig
 from tqdm import tqdm
 
-from dore import build
-from dore.instances import InstanceSet
-from dore.intervals import percentile
-from dore.paths import conf_dir
-from dore.plan import Plan
+from dore.app import build
+from dore.files import conf_dir
 from dore.planners.base import Planner
-from dore.sampling import Batch, Difficulty
+from dore.report.intervals import percentile
+from dore.world.generator import Batch, Difficulty
+from dore.world.instances import InstanceSet
+from dore.world.plan import Plan
 
 
 class Timed(NamedTuple):

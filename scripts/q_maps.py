@@ -21,18 +21,19 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
 from torch import Tensor
 
-from dore import build
-from dore.agents.sequential import Sequential
-from dore.board_art import CELL_INCH, FAINT, INK, OBSTACLE, RADIUS, TARGET
-from dore.checkpoint import SHIPPED
-from dore.errors import InputError, atomic_write
-from dore.instances import InstanceSet, scenes_of
-from dore.plan import Scene, cell_id
+from dore.app import build
+from dore.draw.board_art import CELL_INCH, FAINT, INK, OBSTACLE, RADIUS, TARGET
+from dore.errors import InputError
+from dore.files import atomic_write
+from dore.learn.agents.sequential import Sequential
+from dore.learn.checkpoint import SHIPPED
 from dore.planners.label import label
 from dore.planners.learned import Learned
-from dore.reach import Reach
-from dore.rules import legal_moves, legal_places
-from dore.sampling import Batch, Difficulty
+from dore.world.generator import Batch, Difficulty
+from dore.world.instances import InstanceSet, scenes_of
+from dore.world.plan import Scene, cell_id
+from dore.world.reach import Reach
+from dore.world.rules import legal_moves, legal_places
 from scripts.planner_timing import composed
 
 DPI = 160

@@ -17,14 +17,14 @@ import torch
 from tqdm import tqdm
 
 from dore.errors import InputError, number, seed_of, whole
-from dore.instances import InstanceSet
-from dore.layout import Layout
-from dore.plan import Status
 from dore.planners.base import Planner
 from dore.planners.exact import Exact
 from dore.planners.straight_line import StraightLine
-from dore.reach import Reach
-from dore.sampling import Batch, Difficulty
+from dore.world.generator import Batch, Difficulty
+from dore.world.instances import InstanceSet
+from dore.world.layout import Layout
+from dore.world.plan import Status
+from dore.world.reach import Reach
 from scripts.paper_rows import OBSTACLES, REARRANGEMENTS
 from scripts.reach_sensitivity_report import write_report
 from scripts.reach_sensitivity_rows import (

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import yaml
 
-from dore.errors import atomic_write
-from dore.paths import conf_dir
-from dore.run_folder import commit
-from dore.tables import Table, as_markdown
+from dore.files import atomic_write, commit, conf_dir
+from dore.report.measures import Table, as_markdown
 from scripts.paper_rows import REARRANGEMENTS
 from scripts.reach_sensitivity_figure import draw
 from scripts.reach_sensitivity_rows import (

@@ -11,8 +11,9 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import NamedTuple
 
-from dore.errors import InputError, atomic_write
-from dore.intervals import mean_interval
+from dore.errors import InputError
+from dore.files import atomic_write
+from dore.report.intervals import mean_interval
 from scripts.paper_rows import REARRANGEMENTS
 
 GRID, CHECK = "grid", "check"

@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from dore.errors import InputError, atomic_write
+from dore.errors import InputError
+from dore.files import atomic_write
 
 
 class Report(NamedTuple):

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dore.curves import DPI, INK
-from dore.errors import atomic_write
+from dore.draw.curves import DPI, INK
+from dore.files import atomic_write
 from scripts.curve_panel import BLUE, GREEN, RED, draw_runs, mark, prepare
 from scripts.table4_metrics import IMPROVED, STRUCTURES
 from scripts.table4_runs import PAPER, Runs

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable
 from statistics import fmean
 
-from dore.evaluation import Row
-from dore.intervals import ratio_interval
-from dore.plan import Status
+from dore.report.evaluation import Row
+from dore.report.intervals import ratio_interval
+from dore.world.plan import Status
 from scripts.entry_tables import spread
 from scripts.learning_curves import Ipt, reached
 from scripts.paper_entries import Entry, Metric, point, share

@@ -10,9 +10,9 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from dore.app.run_folder import DONE, read_config
 from dore.errors import InputError
-from dore.evaluation import ROWS, Row, read_rows
-from dore.run_folder import DONE, read_config
+from dore.report.evaluation import ROWS, Row, read_rows
 from scripts.learning_curves import Ipt, read_tests
 
 COLUMNS = ("6x6_z3-5", "6x6_z3-8", "7x7_z3-5", "7x7_z3-10", "8x8_z3-5", "8x8_z3-13")

@@ -25,14 +25,13 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 from tqdm import tqdm
 
-from dore import build
-from dore.agents.sequential import Sequential
-from dore.checkpoint import save_model
-from dore.errors import InputError, atomic_write, number
-from dore.paths import conf_dir
-from dore.run_folder import commit
-from dore.session import trainer_of
-from dore.training import Diverged, Trainer
+from dore.app import build
+from dore.app.session import trainer_of
+from dore.errors import InputError, number
+from dore.files import atomic_write, commit, conf_dir
+from dore.learn.agents.sequential import Sequential
+from dore.learn.checkpoint import save_model
+from dore.learn.trainer import Diverged, Trainer
 
 WORLDS = (
     "layout=8x8 instances=z3-13 reach=wide_hand",

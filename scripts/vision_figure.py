@@ -12,12 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from dore.board_art import FAINT, INK, OBSTACLE, TARGET
-from dore.layout import Layout
-from dore.plan import cell_id
-from dore.sim.frames import Array
-from dore.sim.perception import Frame
-from dore.sim.understanding import Sighting, cell_of
+from dore.draw.board_art import FAINT, INK, OBSTACLE, TARGET
+from dore.sim.motion.frames import Array
+from dore.sim.vision.perception import Frame
+from dore.sim.vision.scene_estimate import Sighting, cell_of
+from dore.world.layout import Layout
+from dore.world.plan import cell_id
 from scripts.vision_scenes import Setup
 
 DPI = 160

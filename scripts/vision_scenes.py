@@ -12,14 +12,14 @@ import gymnasium as gym
 import numpy as np
 import sapien
 
-import dore.sim.task  # noqa: F401  (registers the environment)
-from dore.layout import Layout
-from dore.plan import Scene
-from dore.sim.arm import render_backend
+import dore.sim.scene.task  # noqa: F401  (registers the environment)
 from dore.sim.config import Body, preset
-from dore.sim.eye_config import EyeConfig
-from dore.sim.frames import Array
-from dore.sim.understanding import NotUnderstood, Sighting, Why, cell_of, scene_of
+from dore.sim.motion.frames import Array
+from dore.sim.scene.agent import render_backend
+from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.scene_estimate import NotUnderstood, Sighting, Why, cell_of, scene_of
+from dore.world.layout import Layout
+from dore.world.plan import Scene
 
 OBSTACLES = (3, 10)
 JITTER_M = 0.01

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from dore import cli
+from dore.app import cli
 
 TINY = (
     "layout.rows=3",

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from dore.layout import Layout
-from dore.plan import Scene
-from dore.reach import Reach
+from dore.world.layout import Layout
+from dore.world.plan import Scene
+from dore.world.reach import Reach
 
 WIDE_HAND = {"clearance_m": 0.142, "half_fan_deg": 15.0, "n_sectors": 30}
 PUBLISHED = {"clearance_m": 0.106, "half_fan_deg": 30.0, "n_sectors": 60}

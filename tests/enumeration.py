@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from functools import cache
 
-from dore.reach import Reach
+from dore.world.reach import Reach
 
 Board = frozenset[int]
 

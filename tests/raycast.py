@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dore.layout import Layout
-from dore.sim.eye_config import EyeConfig
-from dore.sim.frames import Array
-from dore.sim.perception import Frame
+from dore.sim.motion.frames import Array
+from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.perception import Frame
+from dore.world.layout import Layout
 
 GREEN, RED, TABLE, FLOOR = (74, 163, 106), (194, 124, 104), (214, 206, 190), (150, 152, 158)
 

@@ -1,4 +1,4 @@
-"""Who may import whom: arrows run one way (DESIGN, section 2), and the command line starts fast."""
+"""Who may import whom: the packages' arrows run one way, and the command line starts fast."""
 
 from __future__ import annotations
 
@@ -11,19 +11,37 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted((ROOT / "dore").rglob("*.py"))
-WORLD = {
-    f"dore.{name}"
-    for name in (
-        "errors paths board layout reach rules sampling splits tensor_files instances plan plan_files".split()  # noqa: SIM905
-    )
+GROUND = {"dore", "errors", "files", "configure", "memory"}
+"""What every package may import: the modules directly under dore/, `dore` itself among them."""
+ALLOWED: dict[str, set[str]] = {
+    "ground": set(),
+    "world": set(),
+    "draw": {"world"},
+    "learn": {"world"},
+    "planners": {"world", "learn"},
+    "sim": {"world", "draw"},
+    "report": {"world", "draw", "planners"},
+    "app": {"world", "draw", "learn", "planners", "sim", "report"},
 }
-SIMULATION = {"mani_skill", "sapien", "pin", "pinocchio", "coal", "hppfcl", "gymnasium"}
+"""The packages that each package may import, the ground apart."""
+OWNERS = {
+    **{key: {"sim"} for key in ("mani_skill", "sapien", "pinocchio", "pin", "coal", "hppfcl", "gymnasium")},
+    **{key: {"learn", "planners", "app"} for key in ("torchrl", "tensordict")},
+    "matplotlib": {"draw", "report", "sim"},
+    "mplib": set(),
+}
+"""Which packages may import a library that is slow to load or not always there."""
+WITHOUT_A_NETWORK = ("base", "exact", "astar", "bounds", "visited_set", "graph_search", "straight_line", "label")
+"""Planners that load neither TorchRL nor TensorDict."""
 
 
 def module_of(path: Path) -> str:
     """`dore.planners.base` of dore/planners/base.py, `dore.planners` of its package file."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path) for path in FILES}
 
 
 def imports_of(path: Path) -> set[str]:
@@ -35,84 +53,62 @@ def imports_of(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             module = node.module or ""
-            # `from dore import board` names a module, `from dore.board import bit` a function of one.
-            found |= {f"{module}.{name.name}" for name in node.names if f"{module}.{name.name}" in MODULES} or {module}
+            # `from dore.world import board` names a module, `from dore.world.board import bit` a function of one.
+            names = {f"{module}.{name.name}" for name in node.names}
+            found |= (names & MODULES) | ({module} if names - MODULES else set())
     return found
 
 
-MODULES = {module_of(path) for path in FILES}
 IMPORTS = {module_of(path): imports_of(path) for path in FILES}
 
 
-def inside(module: str, room: str) -> bool:
-    """Whether a module is a room or lies in it."""
-    return module == room or module.startswith(f"{room}.")
+def package_of(module: str) -> str:
+    """`planners` of dore.planners.base, `ground` of what lies directly under dore/."""
+    parts = module.split(".")
+    return "ground" if len(parts) == 1 or parts[1] in GROUND else parts[1]
 
 
-def offences(users: list[str], banned: list[str], but: tuple[str, ...] = ()) -> list[str]:
-    """Imports of banned rooms by modules of the user rooms."""
-    return sorted(
+def test_every_package_is_known_and_few_modules_lie_beside_them() -> None:
+    assert {package_of(module) for module in MODULES} == set(ALLOWED)
+    assert len(list((ROOT / "dore").glob("*.py"))) <= 6
+
+
+@pytest.mark.parametrize("package", ALLOWED)
+def test_arrows_run_one_way(package: str) -> None:
+    allowed = ALLOWED[package] | {package, "ground"}
+    offences = [
         f"{module} imports {name}"
-        for module, names in IMPORTS.items()
-        for name in names
-        if any(inside(module, room) for room in users) and module not in but and any(inside(name, b) for b in banned)
-    )
+        for module, names in sorted(IMPORTS.items())
+        for name in sorted(names)
+        if package_of(module) == package and name.split(".")[0] == "dore" and package_of(name) not in allowed
+    ]
+    assert offences == []
 
 
-def test_the_files_are_seen() -> None:
-    assert WORLD <= MODULES
-    assert "dore.reach" in IMPORTS["dore.rules"]
-    assert "dore.board" in IMPORTS["dore.reach"]
-    assert "torch" in IMPORTS["dore.reach"]
+@pytest.mark.parametrize("library", OWNERS)
+def test_a_library_stays_in_its_packages(library: str) -> None:
+    users = {package_of(module) for module, names in IMPORTS.items() if any(n.split(".")[0] == library for n in names)}
+    assert users <= OWNERS[library]
 
 
-def test_the_world_imports_only_the_world() -> None:
-    known = WORLD | {"torch", "numpy", "safetensors"} | set(sys.stdlib_module_names)
-    strangers = sorted(
-        f"{module} imports {name}"
-        for module in WORLD
-        for name in IMPORTS[module]
-        if not any(inside(name, room) for room in known)
-    )
-    assert strangers == []
+def test_arrows_are_seen() -> None:
+    assert "dore.world.reach" in IMPORTS["dore.world.rules"]
+    assert "dore.world.board" in IMPORTS["dore.world.reach"]
+    assert "torch" in IMPORTS["dore.world.reach"]
 
 
-def test_only_the_sim_knows_the_simulator() -> None:
-    others = sorted(MODULES - {module for module in MODULES if inside(module, "dore.sim")})
-    assert [one for one in offences(["dore"], sorted(SIMULATION)) if not one.startswith("dore.sim")] == []
-    assert "dore.reach" in others
-
-
-def test_only_the_command_line_knows_the_sim() -> None:
-    assert [one for one in offences(["dore"], ["dore.sim"], but=("dore.cli",)) if not one.startswith("dore.sim")] == []
-
-
-@pytest.mark.parametrize(
-    ("users", "banned"),
-    [
-        (["dore"], ["mplib"]),
-        (["dore.networks", "dore.losses"], ["dore.agents", "dore.env", "dore.training"]),
-        (["dore.agents"], ["dore.env", "dore.training"]),
-        (["dore.env"], ["dore.agents", "dore.networks", "dore.losses", "dore.planners"]),
-        (["dore.planners"], ["dore.training", "dore.cli", "dore.sim", "dore.evaluation"]),
-        (["dore.training"], ["dore.planners", "dore.evaluation", "dore.cli"]),
-        (
-            ["dore.evaluation", "dore.tables", "dore.render", "dore.board_art"],
-            ["dore.training", "dore.agents", "dore.env"],
-        ),
-        (["dore.sim"], ["dore.cli", "dore.training", "dore.agents", "dore.env", "dore.planners", "dore.evaluation"]),
-        ([module for module in sorted(MODULES) if module not in ("dore", "dore.cli")], ["dore.cli"]),
-    ],
-    ids=lambda rooms: "+".join(rooms[:3]),
-)
-def test_arrows_run_one_way(users: list[str], banned: list[str]) -> None:
-    # Learning on one instance is what the planner of transfer learning does.
-    assert offences(users, banned, but=("dore.planners.transfer",)) == []
+def loaded_by(code: str, names: set[str]) -> str:
+    """Which of the libraries a new process has loaded after some code."""
+    code = f"import sys; {code}; print(*sorted({names!r} & set(sys.modules)))"
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
+    ).stdout.strip()
 
 
 def test_the_command_line_loads_neither_torch_nor_the_simulator() -> None:
-    if "dore.cli" not in MODULES:
-        pytest.skip("no command line yet")
-    code = "import sys, dore.cli; print(*sorted({'torch', 'mani_skill', 'sapien', 'matplotlib'} & set(sys.modules)))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True)
-    assert done.stdout.strip() == ""
+    assert loaded_by("import dore.app.cli", {"torch", "mani_skill", "sapien", "matplotlib"}) == ""
+
+
+@pytest.mark.parametrize("planner", WITHOUT_A_NETWORK)
+def test_a_planner_without_a_network_loads_no_torchrl(planner: str) -> None:
+    assert loaded_by(f"import dore.planners.{planner}", {"torchrl", "tensordict", "matplotlib"}) == ""

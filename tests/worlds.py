@@ -6,12 +6,12 @@ from functools import partial
 
 import torch
 
-from dore.agents.sequential import Sequential
-from dore.agents.single import Single
-from dore.env import RearrangeEnv, Rewards
-from dore.networks import MLP, NetworkFactory
-from dore.reach import Reach
-from dore.sampling import Difficulty, FreshInstances
+from dore.learn.agents.sequential import Sequential
+from dore.learn.agents.single import Single
+from dore.learn.env import RearrangeEnv, Rewards
+from dore.learn.networks import MLP, NetworkFactory
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.reach import Reach
 
 REWARDS = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
 

@@ -12,14 +12,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.board import bit, count, unpack
-from dore.plan import Status
 from dore.planners.base import Draft
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
-from dore.planners.seen import SeenBoards
-from dore.reach import Reach
-from dore.rules import lift, pickable, placeable, retrievable
-from dore.sampling import Batch
+from dore.planners.visited_set import SeenBoards
+from dore.world.board import bit, count, unpack
+from dore.world.generator import Batch
+from dore.world.plan import Status
+from dore.world.reach import Reach
+from dore.world.rules import lift, pickable, placeable, retrievable
 
 SMALLEST, LARGEST = 128, 1024
 """Boards expanded together: few while a solution may be near, then as many as had that f before them."""

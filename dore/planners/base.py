@@ -8,12 +8,12 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from dore.board import bit, unpack
-from dore.instances import scenes_of
-from dore.plan import Move, Plan, PlanError, Status, cell_id, replay
-from dore.reach import Reach
-from dore.rules import lift
-from dore.sampling import Batch
+from dore.world.board import bit, unpack
+from dore.world.generator import Batch
+from dore.world.instances import scenes_of
+from dore.world.plan import Move, Plan, PlanError, Status, cell_id, replay
+from dore.world.reach import Reach
+from dore.world.rules import lift
 
 
 class Planner(Protocol):

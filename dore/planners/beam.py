@@ -12,11 +12,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.board import bit, unpack
-from dore.planners.seen import OutOfMemory, SeenBoards
-from dore.reach import Reach
-from dore.rules import lift, pickable, placeable
-from dore.sampling import Batch
+from dore.planners.visited_set import OutOfMemory, SeenBoards
+from dore.world.board import bit, unpack
+from dore.world.generator import Batch
+from dore.world.reach import Reach
+from dore.world.rules import lift, pickable, placeable
 
 MoveValues = Callable[[Tensor, Tensor, Tensor], Tensor]
 """Boards Int64[P, W], targets and picks Int64[P] -> Float[P, G], the value of placing on each cell."""

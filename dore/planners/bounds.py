@@ -10,11 +10,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore import board as boards
-from dore.planners.seen import distinct
-from dore.reach import Reach
-from dore.rules import retrievable
-from dore.sampling import Batch
+from dore.planners.visited_set import distinct
+from dore.world import board as boards
+from dore.world.generator import Batch
+from dore.world.reach import Reach
+from dore.world.rules import retrievable
 
 MAX_SPARE = 4
 """Lanes with more moves to spare are taken for open, untested: they nearly always are."""

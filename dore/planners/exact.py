@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dore.errors import number, whole
-from dore.plan import Plan
 from dore.planners.astar import Budget, Search
 from dore.planners.base import Draft, checked_plans, parts_of
 from dore.planners.bounds import DeleteRelaxation
-from dore.planners.seen import OutOfMemory
-from dore.reach import Reach
-from dore.sampling import Batch
+from dore.planners.visited_set import OutOfMemory
+from dore.world.generator import Batch
+from dore.world.plan import Plan
+from dore.world.reach import Reach
 
 GROUP = 256
 """Instances searched together; more would not make the tensors any faster."""

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from dore.board import bit
 from dore.errors import number, whole
-from dore.plan import Plan, Status
 from dore.planners.base import Draft, checked_plans
-from dore.reach import Reach
-from dore.rules import lift, pickable, placeable, retrievable
-from dore.sampling import Batch
+from dore.world.board import bit
+from dore.world.generator import Batch
+from dore.world.plan import Plan, Status
+from dore.world.reach import Reach
+from dore.world.rules import lift, pickable, placeable, retrievable
 
 Node = tuple[int, ...]
 """A board's words, which the paper calls a state."""

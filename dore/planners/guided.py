@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import torch
 
 from dore.errors import number, whole
-from dore.plan import Plan, Status
 from dore.planners.base import Draft, checked_plans, parts_of
 from dore.planners.beam import Beam
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
-from dore.reach import Reach
-from dore.rules import retrievable
-from dore.sampling import Batch
+from dore.world.generator import Batch
+from dore.world.plan import Plan, Status
+from dore.world.reach import Reach
+from dore.world.rules import retrievable
 
 GROUP = 64
 """Instances searched together."""

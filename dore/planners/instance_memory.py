@@ -9,11 +9,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.data import LazyTensorStorage, ReplayBuffer
 
-from dore import keys
-from dore.board import bit
-from dore.instances import FixedInstances, InstanceSet
-from dore.rules import lift, pickable, placeable
-from dore.sampling import Batch
+from dore.learn import keys
+from dore.world.board import bit
+from dore.world.generator import Batch
+from dore.world.instances import FixedInstances, InstanceSet
+from dore.world.rules import lift, pickable, placeable
 
 CAPACITY = 2**18
 """Transitions kept, each in some 40 bytes."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from dore.errors import whole
-from dore.instances import InstanceSet
-from dore.plan import Status
 from dore.planners.base import Planner
+from dore.world.instances import InstanceSet
+from dore.world.plan import Status
 
 
 class Labels(NamedTuple):

@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import time
 
-from dore.agents.common import Agent
-from dore.build import agent_of, make
-from dore.checkpoint import SHIPPED, load_model
+from dore.configure import make
 from dore.errors import InputError, path_of, whole
-from dore.layout import Layout
-from dore.plan import Plan, Status
+from dore.learn.agents.common import Agent
+from dore.learn.checkpoint import SHIPPED, load_model
+from dore.learn.model import agent_of
+from dore.learn.rollout import Rollout, greedy_rollout
 from dore.planners.base import Draft, checked_plans
-from dore.reach import Reach
-from dore.rollout import Rollout, greedy_rollout
-from dore.rules import Failure
-from dore.sampling import Batch
+from dore.world.generator import Batch
+from dore.world.layout import Layout
+from dore.world.plan import Plan, Status
+from dore.world.reach import Reach
+from dore.world.rules import Failure
 
 
 class Learned:

@@ -10,14 +10,14 @@ from enum import StrEnum
 import torch
 from torch import Tensor
 
-from dore import board as boards
 from dore.errors import InputError, flag, number, whole
-from dore.layout import Layout
-from dore.plan import Plan, Status, cell_id
 from dore.planners.base import Draft, checked_plans
-from dore.reach import Reach
-from dore.rules import legal_places, lift
-from dore.sampling import Batch
+from dore.world import board as boards
+from dore.world.generator import Batch
+from dore.world.layout import Layout
+from dore.world.plan import Plan, Status, cell_id
+from dore.world.reach import Reach
+from dore.world.rules import legal_places, lift
 
 
 class GiveUp(StrEnum):

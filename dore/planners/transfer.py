@@ -8,21 +8,21 @@ import time
 import torch
 from torchrl.objectives import SoftUpdate
 
-from dore.agents.common import Agent
-from dore.budget import Budget, LinearEpsilon
-from dore.env import RearrangeEnv, Rewards
 from dore.errors import number, seed_of
-from dore.instances import InstanceSet
-from dore.performance import PerformanceTest
-from dore.plan import Plan, Status
+from dore.learn.agents.common import Agent
+from dore.learn.budget import Budget, LinearEpsilon
+from dore.learn.env import RearrangeEnv, Rewards
+from dore.learn.evaluator import PerformanceTest
+from dore.learn.rollout import Rollout, greedy_rollout
+from dore.learn.trainer import Ending, Trainer
 from dore.planners.base import Draft, checked_plans
 from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned, draft_of
-from dore.reach import Reach
-from dore.rollout import Rollout, greedy_rollout
-from dore.sampling import Batch
-from dore.training import Ending, Trainer
+from dore.world.generator import Batch
+from dore.world.instances import InstanceSet
+from dore.world.plan import Plan, Status
+from dore.world.reach import Reach
 
 NUM_ENVS = 512
 """Episodes of the one instance that are played at once: what exploring finds is the bottleneck, and it is cheap."""

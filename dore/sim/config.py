@@ -12,7 +12,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 
 from dore.errors import InputError, flag, number, path_of, whole
-from dore.paths import conf_dir
+from dore.files import conf_dir
 from dore.sim.model import ArmModel
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]

@@ -1,0 +1,1 @@
+"""The commands: they build what the config names, and run it."""

@@ -1,0 +1,82 @@
+"""From a composed config to the objects it names. Everything is built, and so checked, before long work starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from dore.configure import make
+from dore.errors import InputError, whole
+from dore.planners.base import Planner
+from dore.world.instances import InstanceSplits
+from dore.world.layout import Layout
+from dore.world.reach import Reach
+
+WORLD = ("layout", "reach", "instances")
+MODEL = (*WORLD, "agent", "network")
+"""The groups that a model file keeps: what is needed to build its networks again, and what they learned from."""
+
+
+def reach_of(config: Mapping[str, Any], device: str, layout: Layout | None = None) -> Reach:
+    """The accessibility check of a layout, the config's unless one is given."""
+    layout = layout or make(config.get("layout"), "layout")
+    reach: Reach = make(config.get("reach"), "reach", layout=layout)
+    return reach.to(device_of(device))
+
+
+def device_of(name: str) -> torch.device:
+    """A device that is there.
+
+    Raises:
+        InputError: no such device on this machine.
+    """
+    try:
+        device = torch.device(name)
+    except (RuntimeError, TypeError):
+        raise InputError(f"device: got {name!r}, want cpu, cuda or cuda:N") from None
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        raise InputError(f"device: {name!r} is not on this machine, which has {torch.cuda.device_count()} CUDA devices")
+    return device
+
+
+def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
+    """The instance splits, checked against the layout."""
+    splits: InstanceSplits = make(config.get("instances"), "instances")
+    splits.difficulty.check_fits(reach.n_cells)
+    return splits
+
+
+def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:
+    """The planners that the config names."""
+    return [make(node, f"planner {name}", reach=reach) for name, node in cfg.planners.items()]
+
+
+def planner_of(cfg: DictConfig, reach: Reach) -> Planner:
+    """The one planner that the config names.
+
+    Raises:
+        InputError: it names several, or none.
+    """
+    planners = planners_of(cfg, reach)
+    if len(planners) != 1:
+        raise InputError(f"planner: got {len(planners)}, want one")
+    return planners[0]
+
+
+def world_of(cfg: DictConfig, model_config: Mapping[str, Any] | None) -> DictConfig:
+    """layout, reach and instances: a model's own, overridden by what the config gives."""
+    world = OmegaConf.create({name: (model_config or {}).get(name) for name in WORLD})
+    for name in WORLD:
+        given = cfg.get(name)
+        if given is not None:
+            # A whole preset replaces the model's; single keys, as an arm's front_m, change it.
+            world[name] = given if "_target_" in given else OmegaConf.merge(world[name] or {}, given)
+    return world
+
+
+def use_threads(threads: int) -> None:
+    """How many CPU threads torch may use."""
+    torch.set_num_threads(whole("threads", threads, 1))

@@ -1,0 +1,153 @@
+"""The commands. Nothing heavy is imported before a config is composed, so that --help answers at once."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import os
+import re
+import sys
+from collections.abc import Callable
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dore.app import sweep, sweep_job
+from dore.errors import InputError
+from dore.files import conf_dir
+
+BAD_INPUT, STOPPED = 2, 130
+LONGEST_NAME = 120
+EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
+"""Hydra's plugins that come with an extra of the package."""
+Task = Callable[[DictConfig], int]
+
+
+def short_name(overrides: str) -> str:
+    """A sweep job's folder: its overrides, or their head and a digest of all where they are long."""
+    overrides = overrides.replace("/", "_") or "defaults"
+    if len(overrides) <= LONGEST_NAME:
+        return overrides
+    return f"{overrides[: LONGEST_NAME - 9]}-{hashlib.sha256(overrides.encode()).hexdigest()[:8]}"
+
+
+# Here, and not in `_main`, so that the worker processes of a launcher have it too.
+OmegaConf.register_new_resolver("short", short_name, replace=True)
+
+
+def train() -> None:
+    """dore-train."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.app.commands import train
+
+        return train(cfg)
+
+    _main("train", task)
+
+
+def evaluate() -> None:
+    """dore-evaluate."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.app.commands import evaluate
+
+        return evaluate(cfg)
+
+    _main("evaluate", task)
+
+
+def plan() -> None:
+    """dore-plan."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.app.commands import plan
+
+        return plan(cfg)
+
+    _main("plan", task)
+
+
+def execute() -> None:
+    """dore-execute."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.app.execute import execute
+
+        return execute(cfg)
+
+    _main("execute", task)
+
+
+def _main(name: str, task: Task) -> None:
+    """Compose the config, run the task, exit with its code; what the user got wrong is one line and code 2."""
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises what it would print with a traceback.
+
+    codes: list[int] = []
+
+    def run(cfg: DictConfig) -> float | None:
+        if name == "train" and HydraConfig.get().mode is RunMode.MULTIRUN:
+            return sweep_job.run_job(cfg)
+        # A sweep goes on after a job that failed, and ends with the worst code.
+        codes.append(_guarded(name, lambda: task(cfg)))
+        return None
+
+    command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
+    try:
+        composed = _guarded(name, lambda: command() or 0)
+    except Exception as error:
+        # A sweeper that finds no job to choose from, or a launcher whose workers are gone; the jobs are told first.
+        code = sweep.conclude()
+        if code is None:
+            raise
+        print(f"dore-{name}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(max(code, sweep.FAILED))
+    sys.exit(max([composed, *codes, sweep.conclude() or 0]))
+
+
+def _guarded(name: str, work: Callable[[], int]) -> int:
+    """The exit code of `work`; bad input, a bad config and a disk that refuses are said in one line."""
+    try:
+        return work()
+    except InputError as error:
+        message = str(error)
+    except (HydraException, OmegaConfBaseException) as error:
+        message = _config_message(name, str(error))
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print(f"dore-{name}: stopped", file=sys.stderr)
+        return STOPPED
+    except OSError as error:
+        message = f"{error.filename or 'disk'}: {error.strerror or error}"
+    print(f"dore-{name}: {' '.join(message.split())}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _config_message(command: str, text: str) -> str:
+    """Hydra's error, with the options there are and without its advice on Hydra itself."""
+    text = text.split("Config search path")[0]
+    for plugin, extra in EXTRAS.items():
+        if f"'{plugin}" in text:
+            return f"{plugin}: not installed, want the extra `{extra}` (docs/sweeps.md)"
+    unknown = re.search(r"Could not override '([^']+)'", text)
+    if not unknown:
+        return text
+    key = unknown[1]
+    parent, _, last = key.rpartition(".")
+    # Only choices of groups, which shape the config; another key may be wrong as well.
+    groups = [one for one in sys.argv[1:] if (conf_dir() / one.partition("=")[0]).is_dir() and "," not in one]
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        composed = hydra.compose(command, groups)
+    node = OmegaConf.select(composed, parent) if parent else composed
+    if not isinstance(node, DictConfig):
+        parent, last, node = "", parent, composed
+    options = [str(name) for name in node if not str(name).startswith("_")]
+    near = difflib.get_close_matches(last, options, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    return f"{key}: no such key{hint}; {parent or command} has: {', '.join(options)}"

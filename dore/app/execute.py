@@ -1,0 +1,112 @@
+"""What dore-execute does with a composed config; returns the exit code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from dore.app import build, run_folder
+from dore.configure import make
+from dore.errors import InputError, path_of, seed_of, whole
+from dore.sim.run.closed_execution import execute_closed
+from dore.sim.run.closed_loop import Loop
+from dore.sim.run.open_loop import execute as execute_plan
+from dore.sim.run.report import ExecutionReport
+from dore.sim.run.setup import REPORT_NAME, Stage
+from dore.world.files import read_plan, read_scene
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet, random_scene
+from dore.world.plan import Plan, PlanFile, Scene, Status
+from dore.world.reach import Reach
+
+OK, FAULT, REFUSED = 0, 1, 3
+
+
+def execute(cfg: DictConfig) -> int:
+    """Carry out a plan file, or plan a scene and carry that out, in an open or a closed loop.
+
+    0: done; 1: a fault was seen on the way; 3: refused before anything moved.
+    """
+    for key, options in (("video", ("auto", "off")), ("loop", ("open", "closed"))):
+        if cfg[key] not in options:
+            raise InputError(f"{key}: got {cfg[key]!r}, want {' or '.join(options)}")
+    if (cfg.plan is None) == (cfg.scene is None):
+        raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
+    build.use_threads(cfg.threads)
+    work = (_closed if cfg.loop == "closed" else _open)(cfg, stage_of(cfg, film=cfg.video == "auto"))
+    with run_folder.claimed(cfg.run_dir, worth=REPORT_NAME) as folder:
+        report = work(folder)
+    _print_report(report, folder)
+    if report.refused:
+        return REFUSED
+    return OK if report.success else FAULT
+
+
+def stage_of(cfg: DictConfig, film: bool) -> Stage:
+    """Arm, objects and camera of a composed config."""
+    arm, objects, camera = (make(cfg[name], name) for name in ("arm", "objects", "camera"))
+    return Stage(arm, objects, camera, seed_of("seed", cfg.seed), film, cfg.jitter_m, cfg.turned)
+
+
+def loop_of(cfg: DictConfig, reach: Reach) -> Loop:
+    """What closes the loop of a composed config."""
+    eye, disturbance, limits = (make(cfg[name], name) for name in ("eye", "disturbance", "limits"))
+    return Loop(*planner_of(cfg, reach), reach, eye, disturbance, limits)
+
+
+def planner_of(cfg: DictConfig, reach: Reach) -> tuple[str, Callable[[Scene], Plan]]:
+    """The planner's name, and its plan for a scene."""
+    planner = build.planner_of(cfg, reach)
+    return planner.name, lambda scene: planner.plan(InstanceSet.of_scene(reach, scene))[0]
+
+
+Work = Callable[[Path], ExecutionReport]
+
+
+def _open(cfg: DictConfig, stage: Stage) -> Work:
+    """A plan as it is, or one for the scene."""
+    if cfg.plan is None:
+        scene, reach = _problem(cfg)
+        return partial(execute_plan, PlanFile(scene, reach, planner_of(cfg, reach)[1](scene)), stage)
+    plan_file = read_plan(path_of("plan", cfg.plan))
+    if plan_file.plan.status is not Status.SOLVED:
+        raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
+    return partial(execute_plan, plan_file, stage)
+
+
+def _closed(cfg: DictConfig, stage: Stage) -> Work:
+    """The scene, which the arm has to see for itself."""
+    if cfg.scene is None:
+        raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
+    scene, reach = _problem(cfg)
+    return partial(execute_closed, scene, loop_of(cfg, reach), stage)
+
+
+def _problem(cfg: DictConfig) -> tuple[Scene, Reach]:
+    """The scene, and the reach on its layout."""
+    if cfg.scene != "random":
+        scene = read_scene(path_of("scene", cfg.scene))
+        return scene, build.reach_of(cfg, "cpu", scene.layout)
+    reach, obstacles = build.reach_of(cfg, "cpu"), whole("obstacles", cfg.obstacles, 1)
+    if obstacles >= reach.n_cells:
+        raise InputError(f"obstacles: got {obstacles}, want at most {reach.n_cells - 1}, one cell less than there are")
+    return random_scene(reach, Difficulty(obstacles, obstacles), cfg.seed), reach
+
+
+def _print_report(report: ExecutionReport, folder: Path) -> None:
+    for event in report.events:
+        print(f"  {event['simulated_s']:6.1f} s  {event['event']}: {event['text']}")
+    for move in report.moves:
+        error = "" if move.placement_error_mm is None else f"placed within {move.placement_error_mm:.1f} mm, "
+        print(
+            f"  {move.name}: {move.outcome}, {error}others moved {move.others_moved_mm:.1f} mm at most, "
+            f"{move.simulated_s:.1f} simulated s"
+        )
+    print(report.message)
+    if report.pictures not in ("", report.video):
+        print(report.pictures)
+    made = ", ".join([REPORT_NAME, *([report.video] if report.video else []), *report.stills])
+    print(f"in {folder}: {made}")

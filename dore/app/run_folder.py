@@ -1,0 +1,180 @@
+"""A run's own folder: config, metrics, checkpoint, model. It is claimed once and never written over silently."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import yaml
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dore.configure import renamed
+from dore.errors import InputError, path_of
+from dore.files import atomic_write, commit, locked
+
+CONFIG, METRICS, CHECKPOINT, DONE = "config.yaml", "metrics.csv", "checkpoint.pt", "done.json"
+BUDGET = "budget"
+"""How a run has ended that a larger budget goes on with."""
+LEARNING = (
+    *("layout", "reach", "instances", "agent", "network", "seed"),
+    *("training", "ipt", "buffer", "env", "exploration", "optimizer", "target_update"),
+)
+"""The keys of a run's config that say what it learns."""
+SPENDING = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
+"""Those that say for how long."""
+_PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
+
+
+@contextmanager
+def claimed(path: object, worth: str) -> Iterator[Path]:
+    """A new run folder; it is removed again if the block fails before the file `worth` is there.
+
+    So a run that could not start leaves its name free. Meanwhile the folder is locked.
+
+    Raises:
+        InputError: it exists and holds something, or another process has just claimed it.
+        OSError: it cannot be made.
+    """
+    folder = path_of("run_dir", path)
+    taken = InputError(f"run_dir: {folder} exists already, want a new one (or resume={folder})")
+    if folder.exists() and not folder.is_dir():
+        raise taken
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder, "run_dir"):
+        if any(folder.iterdir()):
+            raise taken
+        try:
+            yield folder
+        except BaseException:
+            if not (folder / worth).exists():
+                shutil.rmtree(folder, ignore_errors=True)
+            raise
+
+
+def clear_unstarted(folder: Path) -> None:
+    """Remove what a run has left that was killed before its first checkpoint; nothing else is touched.
+
+    Raises:
+        InputError: another process works there.
+    """
+    if not folder.is_dir() or (folder / CHECKPOINT).exists():
+        return
+    # Killed while it wrote its first file, it has left that file's temporary one.
+    if (folder / CONFIG).exists() or all(path.suffix == ".tmp" for path in folder.iterdir()):
+        with locked(folder, "run_dir"):
+            shutil.rmtree(folder)
+
+
+def write_config(folder: Path, cfg: DictConfig) -> None:
+    """Keep the resolved config, and what made the run."""
+    with atomic_write(folder / CONFIG) as file:
+        file.write(OmegaConf.to_yaml(cfg, resolve=True))
+    versions = {name: version(name) for name in _PACKAGES}
+    about = {"started": time.strftime("%Y-%m-%dT%H:%M:%S%z"), "commit": commit(), "versions": versions}
+    with atomic_write(folder / "about.json") as file:
+        json.dump(about, file, indent=2)
+
+
+def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) -> DictConfig:
+    """The config of a run folder, which must have the `expected` keys.
+
+    Raises:
+        InputError: no run folder.
+    """
+    path = Path(folder) / CONFIG
+    try:
+        cfg = OmegaConf.load(path)
+    except FileNotFoundError:
+        raise InputError(f"resume: {folder} is no run folder, it has no {CONFIG}") from None
+    except (OmegaConfBaseException, ValueError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: damaged ({' '.join(str(error).split())})") from None
+    missing = [key for key in expected if not isinstance(cfg, DictConfig) or key not in cfg]
+    if missing:
+        raise InputError(f"{path}: damaged or cut off, it lacks {', '.join(missing)}")
+    return OmegaConf.create(renamed(OmegaConf.to_container(cfg)))
+
+
+def check_same(folder: Path, cfg: DictConfig) -> None:
+    """The run in a folder learns as `cfg` says, but for its budget; keys that it does not know are newer than it.
+
+    Raises:
+        InputError: it does not, or is damaged; names the first key that differs.
+    """
+    given = OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True))  # By way of a file, as the run's own.
+    was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(given))
+    for key, value in was.items():
+        if key.split(".")[0] in LEARNING and key not in SPENDING and now.get(key) != value:
+            raise InputError(f"run_dir: {folder} was started with {key}={value}, not {now.get(key)}")
+
+
+def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of a config with its whole key."""
+    for key, value in node.items():
+        if isinstance(value, DictConfig):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
+    """Write the file that says a run has ended, and how."""
+    with atomic_write(folder / DONE) as file:
+        json.dump(result, file, indent=2)
+
+
+def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What `mark_done` wrote, unless that run has ended by its budget and `training` gives it a larger one."""
+    try:
+        done: dict[str, Any] = json.loads((folder / DONE).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    minutes = training["max_minutes"]
+    out_of_time = minutes is not None and done["seconds"] >= 60 * minutes
+    if done["ending"] == BUDGET and not out_of_time and done["episodes"] < training["max_episodes"]:
+        return None
+    return done
+
+
+def unmark_done(folder: Path) -> None:
+    """A run that goes on has not ended."""
+    (folder / DONE).unlink(missing_ok=True)
+
+
+class MetricsLog:
+    """metrics.csv, a row at a time, flushed: a killed run keeps all but its last line."""
+
+    def __init__(self, path: Path, columns: tuple[str, ...], keep_until: int | None = None) -> None:
+        """keep_until: the iteration that a resumed run goes on from; later rows are dropped. None: a new file."""
+        self.columns = columns
+        kept = [] if keep_until is None else self._rows_until(path, keep_until)
+        with atomic_write(path) as file:
+            csv.DictWriter(file, columns).writeheader()
+            csv.DictWriter(file, columns).writerows(kept)
+        self._file = open(path, "a", encoding="utf-8", newline="")  # noqa: SIM115
+        self._writer = csv.DictWriter(self._file, columns)
+
+    def write(self, row: Mapping[str, object]) -> None:
+        """Add a row; None is left empty."""
+        self._writer.writerow(row)
+        self._file.flush()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @staticmethod
+    def _rows_until(path: Path, iteration: int) -> list[dict[str, str]]:
+        if not path.exists():
+            return []
+        with open(path, encoding="utf-8", errors="replace", newline="") as file:
+            rows = list(csv.DictReader(file))
+        return [row for row in rows if (row["iteration"] or "").isdigit() and int(row["iteration"]) <= iteration]

@@ -1,0 +1,222 @@
+"""A training run as a user sees it: progress bar, logs, checkpoints, the best model, and how to go on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+from typing import Any, cast
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torchrl.record.loggers import Logger
+from tqdm import tqdm
+
+from dore.app.build import MODEL, reach_of, splits_of, use_threads
+from dore.app.run_folder import CHECKPOINT, METRICS, MetricsLog, mark_done
+from dore.configure import call, make
+from dore.draw.curves import draw_learning_curve
+from dore.errors import InputError, number, seed_of, whole
+from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, save_checkpoint, save_model
+from dore.learn.evaluator import TestResult
+from dore.learn.model import agent_of
+from dore.learn.trainer import Diverged, Ending, Progress, Trainer
+from dore.memory import memory_for
+
+COLUMNS = (
+    "iteration",
+    "env_steps",
+    "episodes",
+    "updates",
+    "seconds",
+    "epsilon",
+    "loss",
+    "success",
+    "rearrangements",
+    "target_success",
+    "env_steps_per_s",
+)
+CURVE = "learning_curve.png"
+TELL_S = 30.0
+"""Seconds between two lines of progress where there is no terminal to draw a bar on."""
+
+
+def trainer_of(cfg: DictConfig) -> Trainer:
+    """A training run's parts; seeds torch's generator, which weights, exploration and sampling draw from."""
+    seed_of("seed", cfg.seed)
+    whole("log_every", cfg.log_every, 1)
+    number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
+    capacity = whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
+    for name in ("fill", "learning_starts"):
+        if whole(f"training.{name}", cfg.training[name], 0) > capacity:
+            raise InputError(
+                f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
+            )
+    if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
+        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
+    use_threads(cfg.threads)
+    reach = reach_of(cfg, cfg.device)
+    splits = splits_of(cfg, reach)
+    torch.manual_seed(cfg.seed)
+    agent = agent_of(cfg, reach)
+    source = splits.train(reach, cfg.seed)
+    with memory_for("env.num_envs", cfg.env.num_envs):
+        env = make(cfg.env, "env", reach=reach, source=source)
+    return Trainer(
+        env=env,
+        agent=agent,
+        buffer=make(cfg.buffer, "buffer"),
+        # The updater comes before the first loss: TorchRL warns otherwise.
+        targets=call(make(cfg.target_update, "target_update"), "target_update", agent.loss),
+        optimizer=call(make(cfg.optimizer, "optimizer"), "optimizer", agent.networks.parameters()),
+        epsilon=make(cfg.exploration, "exploration"),
+        test=make(cfg.ipt, "ipt", instances=splits.validation(reach)),
+        budget=make(cfg.training, "training"),
+    )
+
+
+class Session:
+    """Runs a trainer in a run folder.
+
+    Args:
+        folder: claimed, its config written.
+        cfg: the run's config.
+        resumed: the trainer goes on from the folder's checkpoint.
+    """
+
+    def __init__(self, trainer: Trainer, folder: Path, cfg: DictConfig, resumed: bool) -> None:
+        self.trainer, self.folder = trainer, folder
+        self.log_every: int = cfg.log_every
+        self.checkpoint_s = 60 * cfg.checkpoint_minutes
+        plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
+        self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
+        progress = trainer.progress
+        self.metrics = MetricsLog(folder / METRICS, COLUMNS, progress.iteration if resumed else None)
+        self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
+        # No bar in a log file, but a line now and then.
+        self.bar = tqdm(
+            total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05, disable=None
+        )
+        self._told_at = time.perf_counter()
+        self._stop = False
+        self._saved_at = time.perf_counter()
+        self._mark = (time.perf_counter(), progress.env_steps)
+
+    def run(self) -> Ending:
+        """Train to the end, or until asked to stop; leave a checkpoint either way.
+
+        Raises:
+            Diverged: names the last good checkpoint too.
+        """
+        before = {number: signal.signal(number, self._ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            ending = self.trainer.run(self._report, lambda: self._stop)
+            self._save_checkpoint()
+        except Diverged as error:
+            checkpoint = self.folder / CHECKPOINT
+            good = f"the last good checkpoint is {checkpoint}" if checkpoint.exists() else "there is no checkpoint yet"
+            raise Diverged(f"{error}; {good}") from None
+        finally:
+            for number_, handler in before.items():
+                signal.signal(number_, handler)
+            self.bar.close()
+        self._conclude(ending)
+        self.metrics.close()
+        if self.trainer.progress.env_steps:
+            draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
+        return ending
+
+    def _conclude(self, ending: Ending) -> None:
+        """Keep a model, the one that `training.keep` wants, and say how the run ended.
+
+        A budget's end is tested after the checkpoint is written: a larger budget goes on from it as if this test
+        had never been.
+        """
+        progress = self.trainer.progress
+        if ending is Ending.BUDGET:
+            tested = self.trainer.run_test()
+            self._keep_best(tested)
+            self._log(progress, tested)
+        if self.trainer.budget.keep == "last" or not (self.folder / MODEL_NAME).exists():
+            self._save_model(MODEL_NAME)
+        if ending is not Ending.INTERRUPTED:
+            mark_done(self.folder, {"ending": str(ending), **asdict(progress)})
+
+    def _ask_to_stop(self, signum: int, frame: FrameType | None) -> None:
+        """Stop after this iteration; a second signal stops at once."""
+        self._stop = True
+        for number_ in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number_, self._stop_at_once)
+
+    def _stop_at_once(self, signum: int, frame: FrameType | None) -> None:
+        """Without a checkpoint: an exception here could break off a write, or surface as another one from torch."""
+        print(f"\nstopped at once; {self.folder} goes on from its last checkpoint, if it has one", file=sys.stderr)
+        os._exit(128 + signal.SIGINT)
+
+    def _report(self, progress: Progress, tested: TestResult | None) -> None:
+        self.bar.n = progress.episodes
+        if progress.filled and not progress.env_steps:
+            self._report_fill(progress)
+        if tested is not None:
+            self._keep_best(tested)
+        if tested is not None or (progress.env_steps and progress.iteration % self.log_every == 0):
+            self._log(progress, tested)
+        if time.perf_counter() - self._saved_at > self.checkpoint_s:
+            self._save_checkpoint()
+
+    def _report_fill(self, progress: Progress) -> None:
+        how = f"filling the replay: {progress.filled:,} of {self.trainer.budget.fill:,} transitions"
+        self.bar.set_postfix_str(how)
+        if self.bar.disable and time.perf_counter() - self._told_at > TELL_S:
+            print(how, flush=True)
+            self._told_at = time.perf_counter()
+
+    def _keep_best(self, tested: TestResult) -> None:
+        """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
+        progress = self.trainer.progress
+        if progress.best_cost is None or tested.cost <= progress.best_cost:
+            progress.best_success, progress.best_cost = tested.success, tested.cost
+            self._save_model(MODEL_NAME if self.trainer.budget.keep == "best" else BEST_NAME)
+
+    def _log(self, progress: Progress, tested: TestResult | None) -> None:
+        now, steps = time.perf_counter(), progress.env_steps
+        rate = (steps - self._mark[1]) / max(now - self._mark[0], 1e-9)
+        self._mark = (now, steps)
+        row: dict[str, float | None] = {
+            "iteration": progress.iteration,
+            "env_steps": steps,
+            "episodes": progress.episodes,
+            "updates": progress.updates,
+            "seconds": round(progress.seconds, 3),
+            "epsilon": progress.epsilon,
+            "loss": progress.loss if progress.updates else None,
+            "success": tested.success if tested else None,
+            "rearrangements": tested.rearrangements if tested else None,
+            "target_success": self.trainer.test.target_success,
+            "env_steps_per_s": round(rate, 1),
+        }
+        self.metrics.write(row)
+        for logger in self.loggers.values():
+            for name, value in row.items():
+                if value is not None and name not in ("iteration", "env_steps"):
+                    logger.log_scalar(f"train/{name}", value, step=steps)
+        success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
+        how = f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
+        self.bar.set_postfix_str(how)
+        if self.bar.disable and now - self._told_at > TELL_S:
+            print(f"{progress.episodes} episodes in {progress.seconds:.0f} s: {how}", flush=True)
+            self._told_at = now
+
+    def _save_checkpoint(self) -> None:
+        self.trainer.check_weights()
+        with memory_for("buffer.storage.max_size", self.trainer.buffer.storage.max_size):
+            save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
+        self._saved_at = time.perf_counter()
+
+    def _save_model(self, name: str) -> None:
+        save_model(self.folder / name, self.trainer.averaged.weights(), self.model_config)

@@ -1,0 +1,151 @@
+"""One job of a sweep: it trains in a process of its own, into a folder of its own, and tells how it ended."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from dore.app.run_folder import check_same, finished
+from dore.app.sweep import BAD_INPUT, FAILED, JOBS, STOP, STOPPED, SWEEPING, Outcome, outcomes
+from dore.errors import InputError
+from dore.files import atomic_write
+
+POLL_S = 0.2
+
+
+@dataclass(frozen=True)
+class Job:
+    """One job of a sweep.
+
+    name: its folder's. root: the sweep's folder. parent: the sweep's process, where this one is its child; else None.
+    """
+
+    name: str
+    root: Path
+    overrides: list[str]
+    parent: int | None
+
+    @property
+    def folder(self) -> Path:
+        """Where it trains."""
+        return self.root / self.name
+
+    @property
+    def abandoned(self) -> bool:
+        """Whether the sweep's process is gone."""
+        return self.parent is not None and os.getppid() != self.parent
+
+    def ended(self, code: int, said: str, result: Mapping[str, Any] | None = None, before: bool = False) -> Outcome:
+        """Its outcome; `result` is what a finished run has left."""
+        return Outcome(
+            str(self.folder), self.overrides, code, said, before, None if result is None else result["best_success"]
+        )
+
+
+def run_job(cfg: DictConfig) -> float | None:
+    """Train one job of a sweep, or go on with it, unless it is finished.
+
+    Returns its best IPT success, which a sweeper may maximise; None where it broke or was stopped.
+    """
+    settings = HydraConfig.get()
+    parent = os.getppid() if os.environ.get(SWEEPING) == str(os.getppid()) else None
+    job = Job(str(settings.sweep.subdir), Path(settings.sweep.dir), list(settings.overrides.task), parent)
+    os.chdir(settings.runtime.cwd)  # A launcher on another machine may have started elsewhere.
+    told = job.root / JOBS
+    told.mkdir(parents=True, exist_ok=True)
+    with (told / f"{job.name.replace('/', '_')}.log").open("ab") as log:
+        # A sweeper may ask for the same job twice; and what a killed worker has left running holds the log, too.
+        fcntl.flock(log, fcntl.LOCK_EX)
+        outcome = _run(job, cfg, log)
+        print(f"{job.name}: {'finished before, ' if outcome.before else ''}{outcome.said}", flush=True)
+        digest = hashlib.sha256(" ".join(job.overrides).encode()).hexdigest()
+        with atomic_write(told / f"{digest[:16]}.json") as file:
+            json.dump(asdict(outcome), file, indent=2)
+    if job.abandoned:
+        os._exit(STOPPED)  # A worker would wait for ever for its result to be taken.
+    return outcome.success
+
+
+def _run(job: Job, cfg: DictConfig, log: IO[bytes]) -> Outcome:
+    """Train the job unless there is nothing to train, or it may not."""
+    for other in outcomes(job.root):
+        if other.folder == str(job.folder) and other.overrides != job.overrides:
+            said = f"its folder is that of {' '.join(other.overrides)}, want different names (hydra.sweep.subdir)"
+            return job.ended(BAD_INPUT, said)
+    if result := finished(job.folder, cfg.training):
+        try:
+            check_same(job.folder, cfg)
+        except InputError as error:
+            return job.ended(BAD_INPUT, str(error))
+        return job.ended(0, _told(result), result, before=True)
+    stop = job.root / STOP
+    if stop.exists():
+        return job.ended(STOPPED, "not started")
+    print(f"{job.name}: started", flush=True)
+    code, said = _train(job, stop, log)
+    with suppress(OSError):
+        job.folder.rmdir()  # Hydra made it; a job that could not start has left it empty.
+    result = finished(job.folder, cfg.training) if code == 0 else None
+    return job.ended(code, _told(result) if result else said, result)
+
+
+def _train(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
+    """dore-train in a process of its own; its exit code and its last words."""
+    quoted = str(job.folder).replace("'", "\\'")
+    more = [f"run_dir='{quoted}'", "existing=continue"]
+    command = [sys.executable, "-c", "from dore.app.cli import train; train()", *job.overrides, *more]
+    began = log.tell()
+    # A session of its own: Ctrl-C reaches it by way of `stop` alone, and so only once.
+    process = subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+    )
+    asked = _wait(process, job, stop)
+    code = process.returncode
+    if asked and code != 0:
+        return STOPPED, "stopped"
+    if code < 0:
+        name = signal.Signals(-code).name
+        return FAILED, f"killed by {name}" + (", as a system does that runs out of memory" if code == -9 else "")
+    with open(log.name, "rb") as file:
+        file.seek(began)
+        lines = [line for line in file.read().decode(errors="replace").splitlines() if line.strip()]
+    return code, lines[-1].removeprefix("dore-train: ") if lines else f"exit code {code}"
+
+
+def _wait(process: subprocess.Popen[bytes], job: Job, stop: Path) -> bool:
+    """Wait for a job's process; whether it was asked to stop, by `stop` or because the sweep's process is gone."""
+    if job.parent is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # A worker's; the sweep's process takes it.
+    asked = False
+    try:
+        while process.poll() is None:
+            if not asked and (stop.exists() or job.abandoned):
+                process.terminate()
+                asked = True
+            time.sleep(POLL_S)
+    except BaseException:
+        process.kill()
+        raise
+    return asked
+
+
+def _told(result: dict[str, Any]) -> str:
+    """A finished run in a few words."""
+    return (
+        f"{result['ending']}, best IPT success {100 * result['best_success']:.1f} %, "
+        f"{result['episodes']} episodes in {result['seconds']:.0f} s"
+    )

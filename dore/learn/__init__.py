@@ -1,0 +1,1 @@
+"""Learning: the environment, the agents, and Algorithm 2."""

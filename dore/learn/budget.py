@@ -1,0 +1,84 @@
+"""How long and how a run learns: the schedule of epsilon, and the settings of `training`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from dore.errors import number, one_of, whole
+from dore.learn.averaging import decay_of
+
+Precision = Literal["float32", "bfloat16"]
+Keep = Literal["best", "last"]
+Unit = Literal["round", "step", "episode"]
+"""What is stored before the networks learn again: a step of all environments, a step of one, or a whole episode."""
+
+
+@dataclass(frozen=True)
+class LinearEpsilon:
+    """Epsilon falls in a straight line over the first `anneal_steps` environment steps after the replay is filled.
+
+    Raises:
+        InputError: a share outside [0, 1], or fewer than one step.
+    """
+
+    start: float
+    end: float
+    anneal_steps: int
+
+    def __post_init__(self) -> None:
+        number("exploration.start", self.start, above=-1e-12, at_most=1.0)
+        number("exploration.end", self.end, above=-1e-12, at_most=1.0)
+        whole("exploration.anneal_steps", self.anneal_steps, 1)
+
+    def __call__(self, env_steps: int) -> float:
+        """Epsilon after so many environment steps."""
+        done = min(1.0, env_steps / self.anneal_steps)
+        return self.start + done * (self.end - self.start)
+
+
+@dataclass(frozen=True)
+class Budget:
+    """When a run ends without passing, and how it learns on the way.
+
+    min_episodes: before so many no test ends the run: plans get shorter after success is high (paper: 0).
+    max_episodes: T_lim. max_minutes: of training, None for no limit.
+    fill: transitions of uniformly random play that are stored before anything counts (Algorithm 2, line 1; Table 5's
+        replay start size).
+    learning_starts: transitions in the buffer before the first update.
+    batch_size: transitions an update. update_after: see `Unit`. updates: made after each such unit.
+    keep: the model that a run returns: that of the best IPT, or the last one (Algorithm 2, line 19).
+    max_grad_norm: gradients are scaled down to this norm; None: never (the paper says nothing of it).
+    averaging: decay of the mean of the weights that the IPT acts by and that is kept (`AveragedWeights`); None: the
+        weights as they are, as in the paper.
+    precision: what the networks multiply in while they learn; weights, errors and plans stay float32.
+
+    Raises:
+        InputError: a number outside its domain, or no such precision.
+    """
+
+    min_episodes: int
+    max_episodes: int
+    max_minutes: float | None
+    fill: int
+    learning_starts: int
+    batch_size: int
+    update_after: Unit
+    updates: int
+    keep: Keep
+    max_grad_norm: float | None
+    averaging: float | None
+    precision: Precision
+
+    def __post_init__(self) -> None:
+        for name in ("min_episodes", "fill"):
+            whole(f"training.{name}", getattr(self, name), 0)
+        for name in ("max_episodes", "batch_size", "updates", "learning_starts"):
+            whole(f"training.{name}", getattr(self, name), 1)
+        for name in ("max_minutes", "max_grad_norm"):
+            if getattr(self, name) is not None:
+                number(f"training.{name}", getattr(self, name), above=0.0)
+        decay_of(self.averaging)
+        one_of("training.update_after", self.update_after, Unit)
+        one_of("training.keep", self.keep, Keep)
+        one_of("training.precision", self.precision, Precision)

@@ -1,0 +1,78 @@
+"""What a network sees of a board, and the board's mirror image.
+
+B denotes the batch, G the cells, W the words of a board.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from dore.learn.lane_features import N_PLANES, lane_planes
+from dore.world import board as boards
+from dore.world.reach import Reach
+
+Encoding = Literal["planes", "state", "lanes"]
+"""`state`: the paper's vector of 0, 1 and 2 (eq. 7); `planes`: obstacles and target apart, one plane each; `lanes`:
+these, and what `dore.learn.lane_features` says of each cell, which means the same on every layout."""
+
+
+def encode(reach: Reach, board: Tensor, target: Tensor, mask: Tensor | None, encoding: Encoding) -> Tensor:
+    """Float[B, C, G] of Int64[B, W] boards, Int64[B] targets and, where given, Bool[B, G] masks (eqs. 10, 15)."""
+    if encoding == "state":
+        planes = [boards.state(board, target, reach.n_cells)]
+    else:
+        cell = torch.arange(reach.n_cells, device=board.device)
+        planes = [boards.unpack(board, reach.n_cells).float(), (cell == target[:, None]).float()]
+    if mask is not None:
+        planes.append(mask.float())
+    seen = torch.stack(planes, 1)
+    return torch.cat([seen, lane_planes(reach, board, target)], 1) if encoding == "lanes" else seen
+
+
+def n_planes(encoding: Encoding, with_mask: bool) -> int:
+    """C of `encode`."""
+    return {"state": 1, "planes": 2, "lanes": 2 + N_PLANES}[encoding] + with_mask
+
+
+def mirrored_board(board: Tensor, reach: Reach) -> Tensor:
+    """Int64[B, W]: each board mirrored about the robot's x axis; the layout must have a mirror."""
+    return boards.pack(boards.unpack(board, reach.n_cells)[..., _mirror(reach)])
+
+
+def mirrored_cell(cell: Tensor, reach: Reach) -> Tensor:
+    """Int64[...]: each cell's mirror image; the layout must have a mirror."""
+    return _mirror(reach)[cell]
+
+
+def _mirror(reach: Reach) -> Tensor:
+    if reach.mirror is None:
+        raise ValueError("this layout has no mirror image")
+    return reach.mirror
+
+
+def slots(board: Tensor, n_slots: int, n_cells: int) -> tuple[Tensor, Tensor]:
+    """The paper's list of obstacles O (section 5.1): cells ascending, one slot each.
+
+    Returns:
+        Int64[B, Z] cells, 0 where a slot is absent, and Bool[B, Z], which slots are there. Obstacles past Z
+        have no slot.
+    """
+    occupied = boards.unpack(board, n_cells)
+    rank = occupied.long().cumsum(-1) - 1
+    cell = torch.arange(n_cells, device=board.device).expand_as(rank)
+    has_slot = occupied & (rank < n_slots)
+    # Cells without a slot all write to one place past the end, which is cut off.
+    place = torch.where(has_slot, rank, n_slots)
+    cells = torch.zeros(len(board), n_slots + 1, dtype=torch.int64, device=board.device)
+    cells = cells.scatter(1, place, torch.where(has_slot, cell, 0))[:, :n_slots]
+    there = torch.arange(n_slots, device=board.device) < occupied.sum(-1, keepdim=True)
+    return cells, there
+
+
+def slot_of(board: Tensor, cell: Tensor, n_cells: int) -> Tensor:
+    """Int64[B]: the slot of the obstacle on each cell, that is, how many obstacles stand on lower cells."""
+    lower = torch.arange(n_cells, device=board.device) < cell[:, None]
+    return (boards.unpack(board, n_cells) & lower).sum(-1)

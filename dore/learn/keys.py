@@ -1,0 +1,47 @@
+"""The keys of the TensorDicts that pass between environment, agents and buffer, each with its meaning.
+
+B denotes the batch, G the cells, W the words of a board, T the boards an episode remembers.
+"""
+
+from __future__ import annotations
+
+Key = tuple[str, ...]
+
+BOARD = "board"
+"""Int64[B, W]: the obstacles."""
+TARGET = "target"
+"""Int64[B]: the target's cell."""
+VISITED = "visited"
+"""Int64[B, T, W]: the episode's boards so far, the present one included; unused places repeat the first."""
+FAILURE = "failure"
+"""Int64[B]: a `dore.world.rules.Failure` code."""
+PICK_MASK: Key = ("pick", "mask")
+"""Bool[B, G]: legal picks."""
+PICK: Key = ("pick", "action")
+"""Int64[B]: the cell whose obstacle is picked."""
+PICK_VALUE: Key = ("pick", "action_value")
+"""Float[B, G]: Q_p or Q_1."""
+PICK_REWARD: Key = ("pick", "reward")
+"""Float[B, 1]: the pick network's reward (section 5.2)."""
+PLACE_MASK: Key = ("place", "mask")
+"""Bool[B, G]: legal places: from the environment for every legal pick, from a policy for the pick it chose."""
+PLACE: Key = ("place", "action")
+"""Int64[B]: the cell on which it is placed."""
+PLACE_VALUE: Key = ("place", "action_value")
+"""Float[B, G]: Q_l or Q_2."""
+PLACE_REWARD: Key = ("place", "reward")
+"""Float[B, 1]: the reward of the whole move."""
+TERMINATED = "terminated"
+"""Bool[B, 1]: solved, failed, or no legal move left."""
+TRUNCATED = "truncated"
+"""Bool[B, 1]: the step limit is reached."""
+DONE = "done"
+"""Bool[B, 1]: either."""
+OBSERVATION = "observation"
+"""Float[B, C, G]: what a network sees; stands under "pick" and "place"."""
+SLOT: Key = ("pick", "slot")
+"""Int64[B]: the obstacle's place in the ascending list O of section 5.1 (single DQN)."""
+SLOT_MASK: Key = ("pick", "slot_mask")
+"""Bool[B, Z]: slots that may be chosen."""
+SLOT_VALUE: Key = ("pick", "slot_value")
+"""Float[B, Z]: Q_1."""

@@ -1,0 +1,89 @@
+"""Transitions as the buffer keeps them: packed boards and small integers, decoded by the agent after sampling.
+
+K denotes the points at which it is learned, n the transitions that are drawn at each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import ReplayBuffer
+
+from dore.learn import keys
+
+
+def compact(step: TensorDictBase, stored: Sequence[str | keys.Key], n_cells: int) -> TensorDict:
+    """The stored keys of TensorDict[B] steps, cells and slots in the smallest integer that holds them.
+
+    Up to 64 cells a transition takes 24 bytes: two boards of 8, target, pick and place of 1 each, a reward of
+    4 and a flag of 1 (4 more where the pick has a reward of its own).
+    """
+    small = torch.uint8 if n_cells <= 256 else torch.int16
+    kept = step.select(*stored).clone()
+    for key in (keys.TARGET, keys.PICK, keys.SLOT, keys.PLACE):
+        if key in stored:
+            kept[key] = kept[key].to(small)
+    return kept
+
+
+def restore(sample: TensorDictBase) -> TensorDictBase:
+    """A sample with its cells and slots as Int64 again."""
+    for key in (keys.TARGET, keys.PICK, keys.SLOT, keys.PLACE):
+        if key in sample.keys(include_nested=True):
+            sample[key] = sample[key].long()
+    return sample
+
+
+def draw_in_order(buffer: ReplayBuffer, rows: TensorDictBase, stored: Tensor, n: int) -> TensorDictBase:
+    """TensorDict[K * n]: what storing and drawing by turns would draw; nothing is stored yet.
+
+    The k-th draw is uniform over what the buffer holds once the first `stored[k]` (Int64[K]) of the rows are in it:
+    the same as `extend` and `sample` in turn, for a few gathers in all instead of several for each draw.
+    """
+    held, capacity = len(buffer), buffer.storage.max_size
+    size = (held + stored).clamp_max(capacity)[:, None]
+    age = (torch.rand(len(stored), n, dtype=torch.float64) * size).long().clamp_max(size - 1)
+    # Counted from the first new row on; what the buffer holds already has a negative place.
+    place = (stored[:, None] - 1 - age).flatten().to(rows.device)
+    new = place >= 0
+    if not held:
+        return rows[place]
+    drawn: TensorDictBase = buffer.storage[(_cursor(buffer) + place.clamp_max(-1)) % capacity]
+    if bool(new.any()):
+        drawn[new] = rows[place[new]]
+    return drawn
+
+
+def _cursor(buffer: ReplayBuffer) -> int:
+    """Where the buffer writes next."""
+    return int(buffer.writer.state_dict()["_cursor"])
+
+
+def tensors_of(rows: TensorDictBase) -> dict[str, Tensor]:
+    """The leaves of a TensorDict by name, as a checkpoint keeps them."""
+    return dict(rows.flatten_keys(".").items())
+
+
+def rows_of(tensors: dict[str, Tensor], batch_dims: int = 1) -> TensorDict:
+    """The TensorDict whose `tensors_of` these are."""
+    shape = next(iter(tensors.values())).shape[:batch_dims]
+    return TensorDict(tensors, batch_size=shape).unflatten_keys(".")
+
+
+def buffer_state(buffer: ReplayBuffer) -> dict[str, Any]:
+    """The transitions a buffer holds, and where it writes next; its own state holds its empty places too."""
+    if not len(buffer):
+        return {"rows": {}, "writer": {}}
+    return {"rows": tensors_of(buffer[:]), "writer": buffer.writer.state_dict()}
+
+
+def load_buffer(buffer: ReplayBuffer, state: dict[str, Any]) -> None:
+    """Fill an empty buffer as the one whose `buffer_state` this is."""
+    if not state["rows"]:
+        return
+    buffer.extend(rows_of(state["rows"]))
+    buffer.writer.load_state_dict(state["writer"])

@@ -1,0 +1,1 @@
+"""How the arm moves: kinematics, collisions, validated motions."""

@@ -1,0 +1,1 @@
+"""Executions: open and closed loop, what is recorded, films."""

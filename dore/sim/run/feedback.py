@@ -1,0 +1,165 @@
+"""What the operator goes by while it moves: the simulator's own state, or only what the hand feels."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from dore.sim.motion.collision import Standing
+from dore.sim.motion.frames import Array, inside
+from dore.sim.motion.outcome import Outcome
+from dore.sim.motion.rehearsal import MoveTask, Rehearsal
+from dore.sim.scene.task import UPRIGHT_DEG, DoreTabletopEnv
+
+_HELD_WITHIN_M = 0.03
+"""A held object's axis stays this near the tool point, seen from above."""
+_SLIPPED_M = 0.006
+"""A held object that has moved further than this in the hand since it was lifted has slipped."""
+_HOLDING = (0.15, 0.95)
+"""How far a hand is open that holds something: neither shut on nothing, nor wide open."""
+
+
+class Senses(Protocol):
+    """What the operator asks of the world."""
+
+    def look(self) -> Outcome:
+        """Before a move: tell the rehearsal where each object stands, or why the move cannot begin."""
+
+    def lifted(self, body: int) -> Outcome:
+        """After the lift: DONE or MISSED_GRASP."""
+
+    def still_held(self, body: int) -> Outcome:
+        """On the way: DONE, SLIPPED or DROPPED."""
+
+    def held_xy(self, body: int) -> tuple[float, float] | None:
+        """Where the axis of the held object is, metres; None: not known, so right at the tool point."""
+
+    def placed(self, task: MoveTask) -> Outcome:
+        """After the hand has left: DONE, or what is wrong with the object put down, or with another one."""
+
+
+class Truth:
+    """The simulator's state: where every object is at any time.
+
+    Args:
+        task: the environment.
+        rehearsal: told by `look` where objects stand.
+    """
+
+    def __init__(self, task: DoreTabletopEnv, rehearsal: Rehearsal) -> None:
+        self._task, self._rehearsal = task, rehearsal
+        self._before = positions(task)
+        self._in_hand = np.zeros(3)
+
+    def look(self) -> Outcome:
+        """TOPPLED, WORLD_CHANGED: an object does not stand as, or where, it should."""
+        at = self._before = positions(self._task)
+        if (leaning_deg(self._task) > UPRIGHT_DEG).any():
+            return Outcome.TOPPLED
+        for body, cell in self._rehearsal.cell_of.items():
+            if not self._in_cell(at[body, :2], cell):
+                return Outcome.WORLD_CHANGED
+            forward = self._task.objects[body].pose.to_transformation_matrix()[0, :2, 0].tolist()
+            yaw = math.atan2(forward[1], forward[0])
+            self._rehearsal.standing[body] = Standing((float(at[body, 0]), float(at[body, 1])), yaw)
+        return Outcome.DONE
+
+    def lifted(self, body: int) -> Outcome:
+        """MISSED_GRASP: the object is not between the fingers, or still on the table."""
+        if not self._holds(body):
+            return Outcome.MISSED_GRASP
+        self._in_hand = self._offset(body)
+        return Outcome.DONE
+
+    def still_held(self, body: int) -> Outcome:
+        """DROPPED: out of the hand. SLIPPED: in it, but not where it was."""
+        if not self._holds(body):
+            return Outcome.DROPPED
+        slipped = float(np.linalg.norm(self._offset(body) - self._in_hand)) > _SLIPPED_M
+        return Outcome.SLIPPED if slipped else Outcome.DONE
+
+    def held_xy(self, body: int) -> tuple[float, float] | None:
+        """Where it is."""
+        x, y = positions(self._task)[body, :2]
+        return float(x), float(y)
+
+    def placed(self, task: MoveTask) -> Outcome:
+        """TOPPLED, MISPLACED: the object put down does not stand upright, or not in its cell. TOPPLED, PUSHED:
+        another one has been."""
+        at, leaning = positions(self._task), leaning_deg(self._task)
+        if (leaning[self._others(task.body)] > UPRIGHT_DEG).any():
+            return Outcome.TOPPLED
+        if task.place_cell is not None:
+            if leaning[task.body] > UPRIGHT_DEG:
+                return Outcome.TOPPLED
+            if not self._in_cell(at[task.body, :2], task.place_cell):
+                return Outcome.MISPLACED
+        moved = np.linalg.norm(at - self._before, axis=1)[self._others(task.body)]
+        return Outcome.PUSHED if (moved > self._task.arm.pushed_m).any() else Outcome.DONE
+
+    def _others(self, body: int) -> np.ndarray:
+        return np.arange(len(self._before)) != body
+
+    def _in_cell(self, xy: Array, cell: int) -> bool:
+        layout = self._task.layout
+        return bool(inside(layout.centres.numpy(), layout.cell_m, xy)[cell])
+
+    def _holds(self, body: int) -> bool:
+        """Whether both fingers press on the object, it is off the table, and near the tool point."""
+        task = self._task
+        lifted = positions(task)[body, 2] > task.bodies[body].height_m / 2 + task.arm.lift_m / 2
+        near = float(np.linalg.norm(self._offset(body)[:2])) < _HELD_WITHIN_M
+        return bool(lifted and near and task.agent.is_grasping(task.objects[body])[0])
+
+    def _offset(self, body: int) -> Array:
+        """Float64[3]: the object's centre from the tool point, in the hand's own frame, metres."""
+        tool = self._task.agent.tcp.pose.to_transformation_matrix()[0].double().cpu().numpy()
+        return np.asarray(tool[:3, :3].T @ (positions(self._task)[body] - tool[:3, 3]))
+
+
+class Touch:
+    """Only what the hand itself feels: how far its fingers are apart. The camera has looked before, and looks again
+    after the move; nothing is asked of the simulator.
+
+    Args:
+        task: the environment, of which only the fingers' joints are read.
+    """
+
+    def __init__(self, task: DoreTabletopEnv) -> None:
+        self._task = task
+
+    def look(self) -> Outcome:
+        """The camera has just looked."""
+        return Outcome.DONE
+
+    def lifted(self, body: int) -> Outcome:
+        """MISSED_GRASP: the fingers have closed on nothing."""
+        return Outcome.DONE if self.holding() else Outcome.MISSED_GRASP
+
+    def still_held(self, body: int) -> Outcome:
+        """DROPPED: the fingers have closed on nothing."""
+        return Outcome.DONE if self.holding() else Outcome.DROPPED
+
+    def held_xy(self, body: int) -> tuple[float, float] | None:
+        """The fingers do not tell."""
+        return None
+
+    def placed(self, task: MoveTask) -> Outcome:
+        """The camera tells, when it looks next."""
+        return Outcome.DONE
+
+    def holding(self) -> bool:
+        """Whether something keeps the closed fingers apart."""
+        return _HOLDING[0] < float(self._task.agent.opening()[0]) < _HOLDING[1]
+
+
+def positions(task: DoreTabletopEnv) -> Array:
+    """Float64[N, 3]: centre of each object, metres, world frame."""
+    return np.asarray(task.positions()[0].double().cpu().numpy())
+
+
+def leaning_deg(task: DoreTabletopEnv) -> Array:
+    """Float64[N]: how far each object leans, degrees."""
+    return np.asarray(task.leaning_deg()[0].double().cpu().numpy())

@@ -1,0 +1,138 @@
+"""Drives the arm through rehearsed motions, and tells how each of them ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+
+from dore.sim.motion.frames import Array
+from dore.sim.motion.outcome import Outcome
+from dore.sim.motion.rehearsal import MoveTask, Rehearsal
+from dore.sim.run.feedback import Senses
+from dore.sim.scene.task import DoreTabletopEnv
+
+_OPEN, _CLOSED = 1.0, -1.0
+_SETTLE_STEPS = 4
+_GRIP_STEPS = 10
+_RELEASE_STEPS = 8
+
+
+class Operator:
+    """The arm in a running environment.
+
+    Args:
+        env: a `DoreTabletop-v1` made with `control_mode="pd_joint_pos"`, as gymnasium returns it, after a reset.
+        rehearsal: begun; it works out each motion from what is known before it.
+        senses: what the operator goes by.
+        after_step: called after every control step (the video's camera).
+    """
+
+    def __init__(self, env: Any, rehearsal: Rehearsal, senses: Senses, after_step: Callable[[], None]) -> None:
+        self._env, self.rehearsal, self.senses, self._after_step = env, rehearsal, senses, after_step
+        self._task: DoreTabletopEnv = env.unwrapped
+        self._gripper = _OPEN
+        self.joints: Array = self._task.agent.arm_joints()[0].double().cpu().numpy()
+        self._way_out: list[Array] = []
+        """Commands that take the hand out of the grid, when it is in it and holds nothing that it should."""
+        self.steps = 0
+
+    @property
+    def simulated_s(self) -> float:
+        """Simulated seconds since the start."""
+        return self.steps / self._task.control_freq
+
+    def conditions(self) -> dict[str, bool]:
+        """The task's named conditions and `success`."""
+        return {name: bool(value[0]) for name, value in self._task.evaluate().items()}
+
+    def hold(self, steps: int) -> None:
+        """Stay where the arm is for some control steps."""
+        for _ in range(steps):
+            self._command(self.joints)
+
+    def run(self, task: MoveTask) -> Outcome:
+        """The whole move, up to the first motion that does not end well.
+
+        Raises:
+            Refused: from what is now known, the rest of the move cannot be carried out; the arm stays where it is.
+        """
+        outcome = self.senses.look()
+        if outcome is Outcome.DONE:
+            outcome = self.pick(task)
+        if outcome is Outcome.DONE and task.place_cell is not None:
+            outcome = self.put_down(task)
+        return self.senses.placed(task) if outcome is Outcome.DONE else outcome
+
+    def pick(self, task: MoveTask) -> Outcome:
+        """Reach, grasp, lift and withdraw from the grid.
+
+        MISSED_GRASP: the object is not between the fingers. DROPPED, SLIPPED: it was, and no longer as it was.
+        """
+        motions = self.rehearsal.pick_up(task)
+        for motion in ("reach", "approach"):
+            self._follow(motions[motion])
+        self._gripper = _CLOSED
+        self.hold(_GRIP_STEPS)
+        self._way_out = [motions["withdraw"]]
+        self._follow(motions["lift"])
+        outcome = self.senses.lifted(task.body)
+        if outcome is not Outcome.DONE:
+            return outcome
+        self._follow(motions["withdraw"])
+        self._way_out = []
+        return self.senses.still_held(task.body)
+
+    def put_down(self, task: MoveTask) -> Outcome:
+        """Carry what is held before the lane, bring it into its cell, lower it, let go and leave.
+
+        DROPPED, SLIPPED: on the way.
+        """
+        motions = self.rehearsal.put_down(task, self.senses.held_xy(task.body))
+        self._follow(motions["carry"])
+        outcome = self.senses.still_held(task.body)
+        if outcome is not Outcome.DONE:
+            return outcome
+        self._follow(motions["insert"])
+        self._way_out = [motions["insert"][::-1]]
+        outcome = self.senses.still_held(task.body)
+        if outcome is not Outcome.DONE:
+            return outcome
+        self._follow(motions["lower"])
+        self._let_go()
+        self._follow(motions["leave"])
+        self._way_out = []
+        return Outcome.DONE
+
+    def recover(self) -> None:
+        """After a fault: open the hand, and leave the grid the way it came."""
+        self._let_go()
+        for commands in self._way_out:
+            self._follow(commands)
+        self._way_out = []
+
+    def park(self) -> None:
+        """Go to where the arm stood at the start, out of the camera's way.
+
+        Raises:
+            Refused: something is in the way.
+        """
+        self._follow(self.rehearsal.park(self.joints))
+
+    def _let_go(self) -> None:
+        self._gripper = _OPEN
+        self.hold(_RELEASE_STEPS)
+
+    def _follow(self, commands: Array) -> None:
+        for joints in commands:
+            self._command(joints)
+        self.hold(_SETTLE_STEPS)
+
+    def _command(self, joints: Array) -> None:
+        self.joints = joints
+        action = torch.from_numpy(np.append(joints, self._gripper)).to(torch.float32)
+        self._env.step(action)
+        self.steps += 1
+        self._after_step()

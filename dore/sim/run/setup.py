@@ -1,0 +1,101 @@
+"""What an execution stands on: the objects drawn, the environment made, the report begun."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from dore.errors import InputError, flag, number, seed_of
+from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig
+from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.motion.outcome import Outcome
+from dore.sim.run.report import ExecutionReport
+from dore.sim.scene.agent import render_backend
+from dore.sim.scene.urdf import arm_files
+from dore.world.layout import Layout
+from dore.world.plan import Scene, cell_id
+
+REPORT_NAME, VIDEO_NAME = "execution.json", "execution.mp4"
+NO_PICTURES = "no Vulkan driver here: state only; for pictures run scripts/install_lavapipe.sh (Debian 12, as root)"
+CONTROL_S = 0.05
+"""Simulated seconds of a control step."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Arm, objects and the film's camera.
+
+    jitter_m: objects stand up to so far off the middle of their cells; turned: and turned by any angle.
+    seed: of the objects' shapes and of the simulator; the same seed gives the same execution.
+    film: whether to make pictures where a Vulkan driver exists.
+
+    Raises:
+        InputError: a seed that is none, a negative jitter, or objects lower than the grasp.
+    """
+
+    arm: ArmConfig
+    objects: ObjectConfig
+    camera: CameraConfig
+    seed: int
+    film: bool
+    jitter_m: float = 0.0
+    turned: bool = False
+
+    def __post_init__(self) -> None:
+        seed_of("seed", self.seed)
+        number("jitter_m", self.jitter_m, above=-1e-12, at_most=0.05)
+        flag("turned", self.turned)
+        lowest, grasp = self.objects.height_m[0], self.arm.grasp_height_m
+        if lowest <= grasp:
+            raise InputError(f"objects.height_m: from {lowest:g}, want more than arm.grasp_height_m {grasp:g}")
+
+    def bodies(self, count: int) -> tuple[Body, ...]:
+        """So many objects, the target first."""
+        return self.objects.draw(count, np.random.default_rng(self.seed))
+
+    def placing(self, scene: Scene) -> dict[str, Any]:
+        """Options of the environment's reset: where the scene's objects stand, the target first."""
+        cells, rng = [scene.target, *scene.obstacles], np.random.default_rng([self.seed, 1])
+        angle, far = rng.uniform(0, 2 * np.pi, len(cells)), self.jitter_m * np.sqrt(rng.uniform(size=len(cells)))
+        yaws = rng.uniform(-np.pi / 4, np.pi / 4, len(cells)) if self.turned else np.zeros(len(cells))
+        return {
+            "cells": cells, "offsets_m": np.column_stack([far * np.cos(angle), far * np.sin(angle)]), "yaws_rad": yaws,
+        }  # fmt: skip
+
+    @cached_property
+    def kinematics(self) -> ArmKinematics:
+        """The arm's.
+
+        Raises:
+            InputError: its description is missing or wrong.
+        """
+        return ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
+
+    def report(self, scene: Scene, bodies: tuple[Body, ...], planner: str) -> ExecutionReport:
+        """One in which nothing has happened yet; bodies beyond the scene's wait beside the table."""
+        cells = (scene.target, *scene.obstacles)
+        listed = [
+            {"cell": cell_id(cells[i]) if i < len(cells) else None, "target": i == 0, **asdict(body)}
+            for i, body in enumerate(bodies)
+        ]
+        return ExecutionReport(Outcome.INCOMPLETE, "not finished", self.arm.name, self.seed, planner, listed)
+
+    def environment(self, layout: Layout, bodies: tuple[Body, ...], backend: str, **more: Any) -> Any:
+        """A `DoreTabletop-v1`, before its reset."""
+        return gym.make(
+            "DoreTabletop-v1", layout=layout, bodies=bodies, arm=self.arm, camera=self.camera,
+            density_kg_m3=self.objects.density_kg_m3, obs_mode="none", reward_mode="none",
+            control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=backend,
+            enable_shadow=self.camera.shadows, render_mode=None if backend == "none" else "rgb_array", **more,
+        )  # fmt: skip
+
+    def pictures(self) -> tuple[str, str]:
+        """The render backend to use, and what to say of the film."""
+        if not self.film:
+            return "none", "not asked for"
+        backend = render_backend()
+        return backend, NO_PICTURES if backend == "none" else VIDEO_NAME

@@ -1,0 +1,1 @@
+"""The ManiSkill task and its arms."""

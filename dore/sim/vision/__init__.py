@@ -1,0 +1,1 @@
+"""What the RGB-D camera makes of the table."""

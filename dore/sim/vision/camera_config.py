@@ -1,0 +1,115 @@
+"""What the camera that sees the board can be told. See conf/eye/kinect.yaml."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from dore.errors import InputError, number, whole
+from dore.sim.motion.frames import Array
+from dore.world.layout import Layout
+
+Noise = Literal["kinect", "none"]
+TargetBy = Literal["colour", "segmentation"]
+
+
+@dataclass(frozen=True)
+class EyeConfig:
+    """A fixed RGB-D camera over the board, and how its pictures are read.
+
+    The place is told from the middle of the cells, at the height of the table top, so that it suits any layout.
+
+    Raises:
+        InputError: a value that is not finite, unknown, or outside what it can mean.
+    """
+
+    eye_m: tuple[float, float, float]
+    look_at_m: tuple[float, float, float]
+    width_px: int
+    height_px: int
+    field_of_view_deg: float
+    noise: Noise
+    target_by: TargetBy
+    target_hue_deg: tuple[float, float]
+    target_saturation: float
+    front_margin_m: float
+    margin_m: float
+    lowest_m: float
+    tallest_m: float
+    widest_m: float
+    patch_m: float
+    fewest_patches: int
+
+    def __post_init__(self) -> None:
+        for name, known in (("noise", get_args(Noise)), ("target_by", get_args(TargetBy))):
+            if getattr(self, name) not in known:
+                raise InputError(f"eye.{name}: got {getattr(self, name)!r}, want one of {', '.join(known)}")
+        whole("eye.width_px", self.width_px, 16)
+        whole("eye.height_px", self.height_px, 16)
+        whole("eye.fewest_patches", self.fewest_patches, 1)
+        number("eye.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
+        number("eye.target_saturation", self.target_saturation, above=0.0, at_most=1.0)
+        for name in ("lowest_m", "tallest_m", "widest_m", "patch_m", "front_margin_m", "margin_m"):
+            number(f"eye.{name}", getattr(self, name), above=0.0, at_most=1.0)
+        if self.tallest_m <= self.lowest_m:
+            raise InputError(f"eye.tallest_m: got {self.tallest_m:g}, want more than eye.lowest_m {self.lowest_m:g}")
+        self._check_lists()
+
+    def _check_lists(self) -> None:
+        for name, count in (("eye_m", 3), ("look_at_m", 3), ("target_hue_deg", 2)):
+            values = getattr(self, name)
+            if not isinstance(values, list | tuple) or len(values) != count:
+                raise InputError(f"eye.{name}: got {values!r}, want {count} numbers")
+            for value in values:
+                number(f"eye.{name}", value)
+        low, high = self.target_hue_deg
+        if not 0 <= low < high <= 360:
+            raise InputError(f"eye.target_hue_deg: got [{low:g}, {high:g}], want 0 <= low < high <= 360")
+        if math.dist(self.eye_m[:2], self.look_at_m[:2]) < 1e-3:
+            raise InputError("eye.eye_m: straight above eye.look_at_m, want it a little aside: which way is up?")
+
+    @property
+    def camera(self) -> tuple[object, ...]:
+        """What the rendering depends on: two eyes with the same camera can look at one environment."""
+        return (*self.eye_m, *self.look_at_m, self.width_px, self.height_px, self.field_of_view_deg)
+
+    @property
+    def intrinsic(self) -> Array:
+        """Float64[3, 3], pixels; pixel (0, 0) has its middle at (0.5, 0.5)."""
+        focal = self.height_px / 2 / math.tan(math.radians(self.field_of_view_deg) / 2)
+        return np.array([[focal, 0, self.width_px / 2], [0, focal, self.height_px / 2], [0, 0, 1.0]])
+
+    def pose(self, layout: Layout) -> Array:
+        """Float64[4, 4]: camera to world, metres; the camera's x is right in the picture, y down, z ahead."""
+        middle = np.append(layout.centres.mean(0).numpy(), 0.0)
+        eye, seen = middle + self.eye_m, middle + self.look_at_m
+        ahead = (seen - eye) / np.linalg.norm(seen - eye)
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3] = np.column_stack([right, np.cross(ahead, right), ahead, eye])
+        return pose
+
+    def region(self, layout: Layout) -> tuple[Array, Array]:
+        """Float64[2] each: the nearest and the farthest (x, y) that are looked at, metres: the cells and margins."""
+        centres, half = layout.centres.numpy(), layout.cell_m / 2
+        near = centres.min(0) - half - [self.front_margin_m, self.margin_m]
+        return near, centres.max(0) + half + self.margin_m
+
+    def check_sees(self, layout: Layout) -> None:
+        """Refuse a layout that does not fit the picture.
+
+        Raises:
+            InputError: naming the first cell of which a corner, on the table or `tallest_m` above it, is out of it.
+        """
+        half = layout.cell_m / 2
+        corners = np.array([[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, self.tallest_m)])
+        pose = self.pose(layout)
+        for cell, xy in enumerate(layout.cells, 1):
+            seen = (np.append(xy, 0.0) + corners - pose[:3, 3]) @ pose[:3, :3] @ self.intrinsic.T
+            pixel = seen[:, :2] / np.maximum(seen[:, 2:], 1e-9)
+            if (seen[:, 2] <= 0).any() or (pixel < 0).any() or (pixel > [self.width_px, self.height_px]).any():
+                raise InputError(f"eye.eye_m: cell {cell} is not all in the picture; want the camera higher, or turned")

@@ -1,0 +1,1 @@
+"""The world: boards, layouts, reach, rules, instances and plans."""

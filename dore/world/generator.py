@@ -1,0 +1,144 @@
+"""Random problem instances, drawn for ever."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import torch
+from torch import Tensor
+
+from dore.errors import InputError, whole
+from dore.world.board import pack
+from dore.world.reach import Reach
+from dore.world.rules import has_move, retrievable
+from dore.world.splits import SPLITS, split_share
+
+CANDIDATES = 16384
+"""Boards drawn at once."""
+PATIENCE = 20
+"""So many draws without a new instance mean that there are no more."""
+
+
+class Batch(NamedTuple):
+    """Start boards Int64[B, W] and targets Int64[B]."""
+
+    board: Tensor
+    target: Tensor
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """How many obstacles an instance has: uniform on [min_obstacles, max_obstacles] before the drawn board is
+    looked at; instances whose target is accessible at the start are discarded (paper, section 5.3), and so
+    are those without a legal first move, where no episode could start (the paper is silent on these).
+
+    Raises:
+        InputError: counts below 1, or upside down.
+    """
+
+    min_obstacles: int
+    max_obstacles: int
+
+    def __post_init__(self) -> None:
+        whole("instances.min_obstacles", self.min_obstacles, 1)
+        whole("instances.max_obstacles", self.max_obstacles, 1)
+        if self.min_obstacles > self.max_obstacles:
+            raise InputError(
+                f"instances.min_obstacles: {self.min_obstacles} is above max_obstacles {self.max_obstacles}"
+            )
+
+    def check_fits(self, n_cells: int) -> None:
+        """Raise InputError where the obstacles and the target do not fit on `n_cells` cells."""
+        if self.max_obstacles + 1 > n_cells:
+            raise InputError(
+                f"instances.max_obstacles: {self.max_obstacles} obstacles and a target do not fit on {n_cells} cells"
+            )
+
+
+class InstanceSource(Protocol):
+    """Where an environment's episodes come from."""
+
+    def draw(self, n: int) -> Batch:
+        """The next `n` instances."""
+
+    def seed(self, seed: int) -> None:
+        """Start over from `seed`."""
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """All that `draw` depends on."""
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Go on as the source whose `state_dict` this is."""
+
+
+class FreshInstances:
+    """Draws boards of one split that no one has seen, for ever, on the reach's device."""
+
+    def __init__(self, reach: Reach, difficulty: Difficulty, split: str, seed: int) -> None:
+        difficulty.check_fits(reach.n_cells)
+        if split not in SPLITS:
+            raise InputError(f"instances.split: got {split!r}, want one of {', '.join(SPLITS)}")
+        self.reach = reach
+        self.difficulty = difficulty
+        self.split = split
+        self.generator = torch.Generator(reach.device).manual_seed(seed)
+        self._left = Batch(
+            torch.empty(0, reach.n_words, dtype=torch.int64, device=reach.device),
+            torch.empty(0, dtype=torch.int64, device=reach.device),
+        )
+
+    def candidates(self) -> Batch:
+        """Some instances, as many as a draw of `CANDIDATES` boards leaves over."""
+        low, high, n_cells = self.difficulty.min_obstacles, self.difficulty.max_obstacles, self.reach.n_cells
+        device = self.reach.device
+        keys = torch.rand(CANDIDATES, n_cells, generator=self.generator, device=device)
+        cells = keys.topk(high + 1).indices
+        n_obstacles = torch.randint(low, high + 1, (CANDIDATES, 1), generator=self.generator, device=device)
+        target, cells = cells[:, 0], cells[:, 1:]
+        there = torch.arange(high, device=device) < n_obstacles
+        occupied = torch.zeros(CANDIDATES, n_cells, dtype=torch.bool, device=device).scatter_(1, cells, there)
+        board = pack(occupied)
+        low_share, high_share = SPLITS[self.split]
+        share = split_share(board, self.reach)
+        keep = (share >= low_share) & (share < high_share) & ~retrievable(self.reach, board, target)
+        board, target = board[keep], target[keep]
+        playable = has_move(self.reach, board, target)
+        return Batch(board[playable], target[playable])
+
+    def draw(self, n: int) -> Batch:
+        """The next `n` instances.
+
+        Raises:
+            InputError: no instance turns up; the boards are too sparse, say.
+        """
+        parts, found, stale = [self._left], len(self._left.target), 0
+        while found < n:
+            part = self.candidates()
+            stale = stale + 1 if not len(part.target) else 0
+            if stale == PATIENCE:
+                raise InputError(f"instances: no board of the {self.split} split blocks its target")
+            parts.append(part)
+            found += len(part.target)
+        board = torch.cat([part.board for part in parts])
+        target = torch.cat([part.target for part in parts])
+        self._left = Batch(board[n:], target[n:])
+        return Batch(board[:n], target[:n])
+
+    def seed(self, seed: int) -> None:
+        """Start over from `seed`."""
+        self.generator.manual_seed(seed)
+        self._left = Batch(self._left.board[:0], self._left.target[:0])
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The generator's state and the instances drawn ahead."""
+        return {
+            "generator": self.generator.get_state(),
+            "board": self._left.board.clone(),
+            "target": self._left.target.clone(),
+        }
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Go on as the source whose `state_dict` this is."""
+        self.generator.set_state(state["generator"])
+        self._left = Batch(state["board"].to(self.reach.device), state["target"].to(self.reach.device))

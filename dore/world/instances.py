@@ -1,0 +1,240 @@
+"""Sets of problem instances: unique, checked, saved and loaded."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from dore.errors import InputError, seed_of, whole
+from dore.world.board import contains, count, pack, unpack
+from dore.world.generator import PATIENCE, Batch, Difficulty, FreshInstances, InstanceSource
+from dore.world.plan import Scene
+from dore.world.reach import Reach
+from dore.world.rules import has_move, retrievable
+from dore.world.tensor_files import read_tensors, write_tensors
+
+FORMAT = "dore-instances/1"
+
+
+def scenes_of(reach: Reach, batch: Batch) -> list[Scene]:
+    """The instances of a batch as scenes."""
+    return [
+        Scene(reach.layout, tuple(cell for cell, there in enumerate(row) if there), target)
+        for row, target in zip(unpack(batch.board, reach.n_cells).tolist(), batch.target.tolist(), strict=True)
+    ]
+
+
+def random_scene(reach: Reach, difficulty: Difficulty, seed: int) -> Scene:
+    """One instance of the test split.
+
+    Raises:
+        InputError: there are none.
+    """
+    (scene,) = scenes_of(reach, FreshInstances(reach, difficulty, "test", seed).draw(1))
+    return scene
+
+
+class InstanceSet:
+    """A fixed, unique set of instances of one reach.
+
+    Raises:
+        InputError: cells off the board, a target among the obstacles, or one that is accessible at the start.
+    """
+
+    def __init__(self, reach: Reach, board: Tensor, target: Tensor) -> None:
+        if board.ndim != 2 or board.shape != (len(target), reach.n_words) or board.dtype != torch.int64:
+            raise InputError(
+                f"instances: got {board.dtype}{list(board.shape)} boards for {len(target)} targets, "
+                f"want Int64[N, {reach.n_words}]"
+            )
+        off = count(board) != unpack(board, reach.n_cells).sum(-1)
+        bad_target = (target < 0) | (target >= reach.n_cells)
+        for broken, why in (
+            (off, "an obstacle off the board"),
+            (bad_target, "a target off the board"),
+            (
+                ~bad_target & contains(board, target.clamp(0, reach.n_cells - 1)),
+                "the target among the obstacles",
+            ),
+            (
+                ~bad_target & retrievable(reach, board, target.clamp(0, reach.n_cells - 1)),
+                "nothing to rearrange",
+            ),
+        ):
+            if bool(broken.any()):
+                raise InputError(f"instances: number {int(broken.nonzero()[0, 0]) + 1} has {why}")
+        self.reach = reach
+        self.board = board
+        self.target = target
+
+    def __len__(self) -> int:
+        return len(self.target)
+
+    def __iter__(self) -> Iterator[Scene]:
+        return iter(scenes_of(self.reach, self.batch()))
+
+    def first(self, n: int) -> InstanceSet:
+        """The first `n` instances.
+
+        Raises:
+            InputError: there are fewer.
+        """
+        whole("limit", n, 1, at_most=len(self))
+        return InstanceSet(self.reach, *self.batch(slice(n)))
+
+    def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
+        """The instances of those rows."""
+        return Batch(self.board[rows], self.target[rows])
+
+    @classmethod
+    def of_scene(cls, reach: Reach, scene: Scene) -> Batch:
+        """A scene as a batch of one; its target may be accessible."""
+        occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool, device=reach.device)
+        occupied[0, list(scene.obstacles)] = True
+        return Batch(pack(occupied), torch.tensor([scene.target], device=reach.device))
+
+    @classmethod
+    def generate(cls, reach: Reach, n: int, difficulty: Difficulty, split: str, seed: int) -> InstanceSet:
+        """`n` different instances of a split.
+
+        Raises:
+            InputError: there are not that many.
+        """
+        whole("instances: how many", n, 1)
+        fresh = FreshInstances(reach, difficulty, split, seed)
+        found = torch.empty(0, reach.n_words + 1, dtype=torch.int64, device=reach.device)
+        stale, draws = 0, 1
+        while len(found) < n and stale < PATIENCE:
+            drawn = [
+                torch.cat([board, target[:, None]], -1) for board, target in (fresh.candidates() for _ in range(draws))
+            ]
+            longer = _first_of_each(torch.cat([found, *drawn]))
+            # Twice as many each time, so that sorting them out takes time in proportion to their number.
+            stale, draws = (stale + draws, 1) if len(longer) == len(found) else (0, 2 * draws)
+            found = longer
+        if len(found) < n:
+            raise InputError(f"instances: asked for {n} different ones of the {split} split, there are {len(found)}")
+        return cls(reach, found[:n, :-1].contiguous(), found[:n, -1].contiguous())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the set, its layout and reach in the header."""
+        header = {"format": FORMAT, "world": _world(self.reach)}
+        write_tensors(path, {"board": self.board, "target": self.target}, header)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], reach: Reach) -> InstanceSet:
+        """Read and check a set.
+
+        Raises:
+            InputError: no such file, a damaged one, one of another layout or reach, or bad instances.
+        """
+        tensors, header = read_tensors(path, FORMAT)
+        if set(tensors) != {"board", "target"}:
+            raise InputError(f"{path}: holds {', '.join(sorted(tensors))}, want board and target")
+        if header.get("world") != _world(reach):
+            raise InputError(f"{path}: made for {header.get('world')}, want {_world(reach)}")
+        try:
+            return cls(reach, tensors["board"].to(reach.device), tensors["target"].to(reach.device))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+
+class FixedInstances:
+    """Draws from a set, with replacement, by a generator of its own.
+
+    Raises:
+        InputError: an instance without a legal first move, where no episode can start.
+    """
+
+    def __init__(self, instances: InstanceSet, seed: int) -> None:
+        stuck = ~has_move(instances.reach, instances.board, instances.target)
+        if bool(stuck.any()):
+            raise InputError(f"instances: number {int(stuck.nonzero()[0, 0]) + 1} has no legal first move")
+        self.instances = instances
+        self.generator = torch.Generator().manual_seed(seed)
+
+    def draw(self, n: int) -> Batch:
+        """`n` instances of the set."""
+        rows = torch.randint(len(self.instances), (n,), generator=self.generator)
+        return self.instances.batch(rows.to(self.instances.board.device))
+
+    def seed(self, seed: int) -> None:
+        """Start over from `seed`."""
+        self.generator.manual_seed(seed)
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The generator's state."""
+        return {"generator": self.generator.get_state()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Go on as the source whose `state_dict` this is."""
+        self.generator.set_state(state["generator"])
+
+
+def _first_of_each(rows: Tensor) -> Tensor:
+    """The different rows of Int64[N, K], each where it first stood."""
+    if not len(rows):
+        return rows
+    _, group = rows.unique(dim=0, return_inverse=True)
+    place = torch.arange(len(rows), device=rows.device)
+    first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device).scatter_reduce(0, group, place, "amin")
+    return rows[first.sort().values]
+
+
+def _world(reach: Reach) -> str:
+    """What a set is made for, as a line of text."""
+    return f"layout {reach.layout.to_dict()} reach {reach.to_dict()}"
+
+
+@dataclass(frozen=True)
+class InstanceSplits:
+    """The three splits of one difficulty; no board, nor its mirror image, is in two of them.
+
+    Args:
+        min_obstacles, max_obstacles: see `dore.world.generator.Difficulty`.
+        train_size: how many instances to train on; None draws fresh ones for ever.
+        validation_size, test_size: how many instances these sets hold.
+        seed: of the sets.
+
+    Raises:
+        InputError: a number outside its domain.
+    """
+
+    min_obstacles: int
+    max_obstacles: int
+    train_size: int | None
+    validation_size: int
+    test_size: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        Difficulty(self.min_obstacles, self.max_obstacles)
+        for name in ("train_size", "validation_size", "test_size"):
+            size = getattr(self, name)
+            if name != "train_size" or size is not None:
+                whole(f"instances.{name}", size, 1)
+        seed_of("instances.seed", self.seed)
+
+    @property
+    def difficulty(self) -> Difficulty:
+        """How many obstacles there are."""
+        return Difficulty(self.min_obstacles, self.max_obstacles)
+
+    def train(self, reach: Reach, seed: int) -> InstanceSource:
+        """Where training episodes come from; `seed` is the run's."""
+        if self.train_size is None:
+            return FreshInstances(reach, self.difficulty, "train", seed)
+        instances = InstanceSet.generate(reach, self.train_size, self.difficulty, "train", self.seed)
+        return FixedInstances(instances, seed)
+
+    def validation(self, reach: Reach) -> InstanceSet:
+        """What the IPT draws from."""
+        return InstanceSet.generate(reach, self.validation_size, self.difficulty, "validation", self.seed)
+
+    def test(self, reach: Reach) -> InstanceSet:
+        """What is looked at once, at the end."""
+        return InstanceSet.generate(reach, self.test_size, self.difficulty, "test", self.seed)

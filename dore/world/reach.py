@@ -1,0 +1,225 @@
+"""Which cells the hand can reach on a board: the modified VFH+ of the paper's Appendix A, as a table.
+
+For a fixed layout the histogram needs no geometry at run time: each (cell, sector) has a fixed set of cells
+that block it, and a sector is free when the board and that set do not meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from dore.errors import InputError, number, whole
+from dore.world import board as boards
+from dore.world.layout import Layout
+
+MAX_SECTORS = 720
+EDGE_RAD = 1e-9
+"""A sector that lies this near an obstacle's edge counts as covered, so that rounding never decides."""
+
+
+class Reach:
+    """The accessibility check of a layout (paper eq. 13 and Appendix A).
+
+    The histogram is centred on the cell that is picked or placed; 0 degrees points from it to the robot base.
+    An obstacle at distance d and bearing b covers the sectors in [b - asin(r/d), b + asin(r/d)], 90 degrees
+    to each side where r >= d. A cell is accessible when an allowed sector is covered by no obstacle.
+
+    Not in the paper: a sector can be ruled out for a cell beforehand, because the arm cannot follow its lane.
+
+    Args:
+        clearance_m: r, half the width of the lane an obstacle's centre must stay out of, metres.
+        half_fan_deg: sectors span [-half_fan_deg, +half_fan_deg].
+        n_sectors: how many sectors, evenly spaced, ends included.
+        staging_m: how far before the layout's front edge the staging line lies, metres.
+        lateral_limit_m: largest |y| at which a lane may cross the staging line, metres; None: no limit.
+        max_yaw_deg: largest angle between a lane and the robot's x axis; None: no limit.
+
+    Raises:
+        InputError: a parameter outside its domain.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        clearance_m: float,
+        half_fan_deg: float,
+        n_sectors: int,
+        staging_m: float = 0.0,
+        lateral_limit_m: float | None = None,
+        max_yaw_deg: float | None = None,
+    ) -> None:
+        self.layout = layout
+        self.clearance_m = number("reach.clearance_m", clearance_m, above=0.0)
+        self.half_fan_deg = number("reach.half_fan_deg", half_fan_deg, above=0.0, at_most=180.0)
+        self.n_sectors = whole("reach.n_sectors", n_sectors, 2, at_most=MAX_SECTORS)
+        self.staging_m = number("reach.staging_m", staging_m, above=-1e-12)
+        self.lateral_limit_m = (
+            None if lateral_limit_m is None else number("reach.lateral_limit_m", lateral_limit_m, above=0.0)
+        )
+        self.max_yaw_deg = (
+            None if max_yaw_deg is None else number("reach.max_yaw_deg", max_yaw_deg, above=0.0, at_most=180.0)
+        )
+        self.sectors_deg = torch.linspace(-self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64)
+        self.mirror = layout.mirror
+        self.lanes = self._allowed_lanes()
+        self.blockers = boards.pack(self._covered())
+        self.blocking_sets = self._undominated()
+        self.blocking_cells = boards.unpack(self.blocking_sets, self.n_cells)
+        self._reachable = self.lanes.any(-1)
+        self._kernel: Callable[[Tensor, Tensor, Tensor], Tensor] = _free
+
+    @property
+    def n_cells(self) -> int:
+        """G."""
+        return self.layout.n_cells
+
+    @property
+    def n_words(self) -> int:
+        """W."""
+        return int(self.blockers.shape[-1])
+
+    @property
+    def device(self) -> torch.device:
+        """Where the table lies."""
+        return self.blockers.device
+
+    def to(self, device: torch.device | str) -> Reach:
+        """The same reach with its table on `device`."""
+        moved = object.__new__(Reach)
+        moved.__dict__.update(self.__dict__)
+        for name in ("sectors_deg", "lanes", "blockers", "blocking_sets", "blocking_cells", "_reachable"):
+            setattr(moved, name, getattr(self, name).to(device))
+        moved.mirror = None if self.mirror is None else self.mirror.to(device)
+        return moved
+
+    def compiled(self) -> Reach:
+        """The same reach with its kernel compiled, for programs that check many boards.
+
+        The first call takes seconds. On some processors the eager kernel is as fast: scripts/bench_world.py tells."""
+        fast = object.__new__(Reach)
+        fast.__dict__.update(self.__dict__)
+        fast._kernel = torch.compile(_free, dynamic=False)
+        return fast
+
+    def accessible(self, occupied: Tensor) -> Tensor:
+        """Which cells a hand can get to, each cell judged with itself taken off the board.
+
+        Args:
+            occupied: Bool[B, G]; True where anything stands, the target included.
+
+        Returns:
+            Bool[B, G].
+
+        Raises:
+            InputError: `occupied` is not a boolean tensor of that shape.
+        """
+        if occupied.dtype is not torch.bool or occupied.ndim != 2 or occupied.shape[1] != self.n_cells:
+            raise InputError(f"occupied: got {occupied.dtype}{list(occupied.shape)}, want Bool[B, {self.n_cells}]")
+        return self.free(boards.pack(occupied))
+
+    def free(self, board: Tensor) -> Tensor:
+        """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]."""
+        return self._kernel(board, self.blocking_sets, self._reachable)
+
+    def free_cell(self, board: Tensor, cell: Tensor) -> Tensor:
+        """`accessible` of one cell a board: Int64[B, W], Int64[B] -> Bool[B]."""
+        blocked = (board[:, None] & self.blocking_sets[:, cell].transpose(0, 1)) != 0
+        return ~blocked.any(-1).all(-1) & self._reachable[cell]
+
+    def free_sectors(self, board: Tensor, cell: Tensor) -> Tensor:
+        """Bool[B, S]: the allowed sectors of Int64[B] cells that Int64[B, W] boards leave free."""
+        blocked = ((board[:, None] & self.blockers[cell]) != 0).any(-1)
+        return ~blocked & self.lanes[cell]
+
+    def direction_deg(self, occupied: Tensor, cell: Tensor) -> Tensor:
+        """The approach direction: the free sector nearest 0 degrees, the clockwise one of two as near.
+
+        Args:
+            occupied: Bool[B, G].
+            cell: Int64[B]; the cell itself does not block itself.
+
+        Returns:
+            Float64[B], degrees about the direction from the cell to the base, counter-clockwise.
+
+        Raises:
+            InputError: a cell that is not accessible.
+        """
+        free = self.free_sectors(boards.pack(occupied), cell)
+        if not bool(free.any(-1).all()):
+            row = int((~free.any(-1)).nonzero()[0, 0])
+            raise InputError(f"cell {int(cell[row]) + 1} of board {row}: no free approach direction")
+        from_zero = torch.where(free, self.sectors_deg.abs(), math.inf)
+        return self.sectors_deg[from_zero.argmin(-1)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The parameters as plan files and model files hold them."""
+        optional = {
+            "staging_m": self.staging_m or None,
+            "lateral_limit_m": self.lateral_limit_m,
+            "max_yaw_deg": self.max_yaw_deg,
+        }
+        return {
+            "clearance_m": self.clearance_m,
+            "half_fan_deg": self.half_fan_deg,
+            "n_sectors": self.n_sectors,
+            **{name: value for name, value in optional.items() if value is not None},
+        }
+
+    def _allowed_lanes(self) -> Tensor:
+        """Bool[G, S]: the lanes the arm itself can follow, whatever stands on the board."""
+        centre = self.layout.centres
+        heading = torch.atan2(centre[:, 1], centre[:, 0])[:, None] + self.sectors_deg.deg2rad()
+        allowed = torch.ones_like(heading, dtype=torch.bool)
+        if self.max_yaw_deg is not None:
+            allowed &= heading.abs() <= math.radians(self.max_yaw_deg) + EDGE_RAD
+        if self.lateral_limit_m is not None:
+            to_staging = centre[:, :1] - (self.layout.front_m - self.staging_m)
+            crossing = centre[:, 1:] - to_staging * heading.tan()
+            allowed &= (heading.cos() > 0) & (crossing.abs() <= self.lateral_limit_m + EDGE_RAD)
+        return allowed
+
+    def _covered(self) -> Tensor:
+        """Bool[G, S, G]: whether an obstacle on cell k covers sector s of cell g."""
+        centre = self.layout.centres
+        offset = centre[None] - centre[:, None]
+        distance = offset.norm(dim=-1)
+        to_base = torch.atan2(-centre[:, 1], -centre[:, 0])
+        bearing = torch.atan2(offset[..., 1], offset[..., 0]) - to_base[:, None]
+        ratio = (self.clearance_m / distance.clamp_min(1e-12)).clamp_max(1.0)
+        off = bearing[:, None, :] - self.sectors_deg.deg2rad()[None, :, None]
+        off = torch.atan2(off.sin(), off.cos()).abs()
+        covered = off <= torch.asin(ratio)[:, None, :] + EDGE_RAD
+        itself = torch.eye(self.n_cells, dtype=torch.bool)[:, None, :]
+        return covered & ~itself
+
+    def _undominated(self) -> Tensor:
+        """Int64[D, G, W]: for each cell, the sets of cells that must be empty for one of its lanes to be free.
+
+        A set that contains another is left out: its lane is free only where the other one is. Cells with fewer than
+        D sets repeat one; a cell that no lane leads to has the full board.
+        """
+        closed = boards.pack(torch.ones(1, self.n_cells, dtype=torch.bool))
+        kept: list[Tensor] = []
+        for g in range(self.n_cells):
+            sets = boards.unpack(self.blockers[g][self.lanes[g]], self.n_cells).unique(dim=0)
+            contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
+            kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
+        most = max(len(sets) for sets in kept)
+        return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept], 1)
+
+
+def _free(board: Tensor, masks: Tensor, reachable: Tensor) -> Tensor:
+    """Bool[B, G] from Int64[B, W], Int64[D, G, W], Bool[G]; a loop over D, so no (B, G, D) temporary."""
+    words = [word[:, None] for word in board.unbind(-1)]
+    free = torch.zeros(len(board), masks.shape[1], dtype=torch.bool, device=board.device)
+    for mask in masks.unbind(0):
+        blocked = words[0] & mask[:, 0]
+        for w, word in enumerate(words[1:], 1):
+            blocked = blocked | (word & mask[:, w])
+        free |= blocked == 0
+    return free & reachable

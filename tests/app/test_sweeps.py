@@ -1,0 +1,291 @@
+"""Sweeps: a folder a job, what is finished is skipped, what broke is named, and each launcher runs."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from dore.app import run_folder, sweep, sweep_job
+from dore.app.cli import short_name
+from dore.errors import InputError
+from dore.files import locked
+from dore.learn.trainer import Ending
+from tests.commands import TINY, run
+
+SERIAL = "hydra/launcher=basic"
+"""One job after another, in this process: what a test replaces is replaced for the jobs' supervisor too."""
+LONG = [
+    *(one for one in TINY if not one.startswith("training.max_episodes")),
+    "checkpoint_minutes=0.003",
+    "training.min_episodes=1000000",
+]
+"""A run that does not end by itself; how many episodes it may play is said where it is used."""
+
+
+def complaints(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What the command says went wrong; other tests' libraries may have set up loggers that write there too."""
+    return [line for line in capsys.readouterr().err.splitlines() if line.startswith("dore-train")]
+
+
+def outcomes(folder: Path) -> dict[str, sweep.Outcome]:
+    """How each job of a sweep ended, by the end of its overrides."""
+    return {" ".join(one.overrides[len(TINY) :]): one for one in sweep.outcomes(folder)}
+
+
+def folders(root: Path) -> list[Path]:
+    return sorted(path.parent for path in root.glob("*/config.yaml"))
+
+
+def until(there, seconds: float = 90) -> None:
+    """Wait for something that another process makes."""
+    deadline = time.monotonic() + seconds
+    while not there():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def start(root: Path, *more: str) -> subprocess.Popen[bytes]:
+    """A sweep of two long jobs in a process of its own, once both have left a checkpoint."""
+    arguments = ["-m", *LONG, "training.max_episodes=1000000", "seed=0,1", f"hydra.sweep.dir={root}", *more]
+    process = subprocess.Popen([sys.executable, "-c", "from dore.app.cli import train; train()", *arguments])
+    until(lambda: len(list(root.glob("*/checkpoint.pt"))) == 2)
+    return process
+
+
+def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
+    """Bad input, a loss that is no longer finite, and a good one, side by side."""
+    more = ["optimizer.lr=-1,1e30,0.001", "training.learning_starts=100", "checkpoint_minutes=0.00001"]
+    assert run("train", ["-m", *TINY, *more, f"hydra.sweep.dir={tmp_path}"]) == 2
+    bad, diverged = sorted(complaints(capsys), key=lambda line: "the loss is" in line)
+    assert "broken: " in bad
+    assert "optimizer.lr=-1 " in bad
+    assert bad.endswith("optimizer: Invalid learning rate: -1")
+    assert "no longer finite" in diverged or "the loss is" in diverged
+    checkpoint = diverged.split("the last good checkpoint is ")[1]
+    assert Path(checkpoint).exists()
+    (done,) = tmp_path.glob("*/done.json")
+    (good,) = [one for one in outcomes(tmp_path).values() if one.code == 0]
+    assert done.parent == Path(good.folder)
+    assert not [
+        path for path in tmp_path.iterdir() if path.is_dir() and path.name != sweep.JOBS and not any(path.iterdir())
+    ]
+
+
+def test_a_sweep_again_skips_goes_on_and_starts_over(tmp_path, capsys):
+    arguments = ["-m", *TINY, "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
+    assert run("train", arguments) == 0
+    finished, stopped, young = (tmp_path / Path(outcomes(tmp_path)[f"seed={seed}"].folder).name for seed in range(3))
+    before = (finished / "metrics.csv").stat().st_mtime_ns
+    (stopped / "done.json").unlink()  # as if killed after its last checkpoint
+    for name in ("done.json", "checkpoint.pt"):
+        (young / name).unlink()  # as if killed before its first
+    rows = (stopped / "metrics.csv").read_text()
+    started = (young / "about.json").stat().st_mtime_ns
+    assert run("train", arguments) == 0
+    assert "3 jobs done (1 of them before), 0 broken" in capsys.readouterr().out
+    assert (finished / "metrics.csv").stat().st_mtime_ns == before
+    assert (stopped / "metrics.csv").read_text().startswith(rows[: rows.rindex("\n", 0, -1)])
+    assert (young / "about.json").stat().st_mtime_ns > started
+    assert len(list(tmp_path.glob("*/done.json"))) == 3
+
+
+def test_ctrl_c_leaves_checkpoints_and_a_second_sweep_is_refused(tmp_path, capsys):
+    root = tmp_path / "sweep"
+    process = start(root)
+    assert run("train", ["-m", *LONG, "seed=3", f"hydra.sweep.dir={root}"]) == 2
+    assert capsys.readouterr().err == f"dore-train: sweep: {root} is in use by another process\n"
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60) == 130
+    assert {one.code for one in outcomes(root).values()} == {130}
+    spent = [json.loads((folder / "about.json").read_text())["started"] for folder in folders(root)]
+    # Fewer episodes than were played: what is left to do is to conclude.
+    assert run("train", ["-m", *LONG, "training.max_episodes=50", "seed=0,1", f"hydra.sweep.dir={root}"]) == 0
+    assert len(list(root.glob("*/done.json"))) == len(spent) == 2
+    assert sweep.SWEEPING not in os.environ
+
+
+def test_jobs_do_not_outlive_their_sweep(tmp_path):
+    """The sweep's process is killed: the jobs stop by themselves, each with a checkpoint, and leave no process."""
+    process = start(tmp_path)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    if not children.exists():
+        pytest.skip("only Linux lists a process's children")
+    workers = [Path(f"/proc/{pid}") for pid in children.read_text(encoding="utf-8").split()]
+    assert len(workers) >= 2
+    process.kill()
+    process.wait(60)
+    logs = list((tmp_path / sweep.JOBS).glob("*.log"))
+    assert len(logs) == 2
+
+    def free(log: Path) -> bool:
+        with log.open("ab") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return False
+        return True
+
+    until(lambda: all(map(free, logs)), 60)
+    until(lambda: not any(worker.exists() for worker in workers), 60)
+    assert all("stopped; go on with" in log.read_text() for log in logs)
+
+
+def test_a_killed_job_takes_no_other_with_it(tmp_path, capsys, monkeypatch):
+    def wait_for_the_first_to_be_killed(process, job, stop):
+        monkeypatch.undo()
+        process.kill()
+        process.wait()
+        return False
+
+    monkeypatch.setattr(sweep_job, "_wait", wait_for_the_first_to_be_killed)
+    assert run("train", ["-m", *TINY, SERIAL, "seed=0,1", f"hydra.sweep.dir={tmp_path}"]) == 1
+    (line,) = complaints(capsys)
+    assert "seed=0): killed by SIGKILL, as a system does that runs out of memory" in line
+    assert len(list(tmp_path.glob("*/done.json"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("overrides", "says"),
+    [
+        (["seed=0,1,0"], "seed: 0 is given twice, but no two jobs may share a folder"),
+        (["training.max_minutes=1,2"], "training.max_minutes: got 1, 2, want one: no job's folder is named after it"),
+        (["sweep=null"], "sweep: got None, want a path"),
+    ],
+)
+def test_bad_sweeps_are_one_line(tmp_path, capsys, overrides, says):
+    assert run("train", ["-m", *TINY, *overrides, f"hydra.sweep.dir={tmp_path}"]) == 2
+    (line,) = complaints(capsys)
+    assert says in line
+    assert not list(tmp_path.glob("*/config.yaml"))
+
+
+def test_a_named_sweep_and_a_larger_budget(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run("train", ["-m", *TINY, SERIAL, "sweep=mine"]) == 0
+    assert run("train", ["-m", *TINY, SERIAL, "sweep=mine", "training.max_episodes=190"]) == 0
+    (folder,) = folders(tmp_path / "outputs" / "sweeps" / "mine")
+    assert len(folder.name) <= 120
+    assert json.loads((folder / "done.json").read_text())["episodes"] >= 190
+    assert {path.name for path in tmp_path.iterdir()} == {"outputs"}
+
+
+def test_names_that_do_not_tell_jobs_apart(tmp_path, capsys):
+    """A subdir of the user's own: the second job must not pass for the first, in this start or in the next."""
+    arguments = ["-m", *TINY, SERIAL, f"hydra.sweep.dir={tmp_path}", "hydra.sweep.subdir=same"]
+    assert run("train", [*arguments, "seed=0,1"]) == 2
+    (line,) = complaints(capsys)
+    assert "seed=1): its folder is that of" in line
+    assert run("train", [*arguments, "seed=0", "training.batch_size=16"]) == 2
+    assert "was started with training.batch_size=8, not 16" in capsys.readouterr().err
+    assert run("train", [*arguments, "seed=1"]) == 2
+    (line,) = complaints(capsys)
+    assert line.endswith("same was started with seed=0, not 1")
+
+
+def test_a_launcher_that_fails_is_one_line(tmp_path, capsys, monkeypatch):
+    def gone(cfg):
+        raise RuntimeError("a worker\nwas terminated")
+
+    monkeypatch.setattr(sweep_job, "run_job", gone)
+    assert run("train", ["-m", *TINY, SERIAL, f"hydra.sweep.dir={tmp_path}"]) == 1
+    line = complaints(capsys)[-1]  # Hydra says first which job it was.
+    assert line == "dore-train: RuntimeError: a worker was terminated"
+
+
+def test_short_names_differ(tmp_path):
+    names = [short_name("a" * 200 + end) for end in "xy"]
+    assert names[0] != names[1]
+    assert short_name("") == "defaults"
+
+
+def test_a_folder_that_is_there_is_gone_on_with(tmp_path, capsys):
+    folder = tmp_path / "run"
+    arguments = [*TINY, f"run_dir={folder}", "existing=continue"]
+    assert run("train", arguments) == 0
+    assert run("train", arguments) == 0
+    assert "finished already" in capsys.readouterr().out
+    assert run("train", [*arguments, "training.max_episodes=190", "agent.gamma=0.9"]) == 2
+    assert "was started with agent.gamma=0.8, not 0.9" in capsys.readouterr().err
+    (folder / "checkpoint.pt").unlink()
+    (folder / "done.json").unlink()
+    (folder / "config.yaml").unlink()
+    assert run("train", arguments) == 2, "nothing of a run that it could have been"
+    assert (folder / "metrics.csv").exists()
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert run("train", [*TINY, f"run_dir={folder}"]) == 0
+    with locked(folder, "run_dir"):
+        assert run("train", [f"resume={folder}", "training.max_episodes=190"]) == 2
+        (folder / "checkpoint.pt").unlink()
+        with pytest.raises(InputError, match="is in use by another process"):
+            run_folder.clear_unstarted(folder)
+    assert (folder / "metrics.csv").exists()
+
+
+def test_the_budgets_ending_is_known_without_torch():
+    assert run_folder.BUDGET == Ending.BUDGET
+
+
+def needs(plugin: str) -> pytest.MarkDecorator:
+    return pytest.mark.skipif(
+        importlib.util.find_spec(f"hydra_plugins.{plugin}") is None, reason=f"{plugin} is not there"
+    )
+
+
+@pytest.mark.parametrize(
+    ("option", "extra"),
+    [("hydra/launcher=ray", "ray"), ("hydra/launcher=submitit_slurm", "slurm"), ("hydra/sweeper=tune", "optuna")],
+)
+def test_a_plugin_that_is_not_there_names_its_extra(tmp_path, capsys, option, extra):
+    plugin = {"ray": "hydra_ray_launcher", "slurm": "hydra_submitit_launcher", "optuna": "hydra_optuna_sweeper"}[extra]
+    if importlib.util.find_spec(f"hydra_plugins.{plugin}"):
+        pytest.skip(f"{plugin} is there")
+    assert run("train", ["-m", *TINY, option, f"hydra.sweep.dir={tmp_path}"]) == 2
+    (line,) = complaints(capsys)
+    assert f"not installed, want the extra `{extra}`" in line
+
+
+@pytest.mark.parametrize(
+    "launcher",
+    [
+        pytest.param(["hydra/launcher=submitit_local"], marks=needs("hydra_submitit_launcher")),
+        pytest.param(["hydra/launcher=ray", "+hydra.launcher.ray.init.num_cpus=2"], marks=needs("hydra_ray_launcher")),
+    ],
+)
+def test_other_launchers(tmp_path, capsys, monkeypatch, launcher):
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    arguments = ["-m", *TINY, "agent=single,sequential", *launcher, f"hydra.sweep.dir={tmp_path}"]
+    assert run("train", arguments) == 0
+    assert "2 jobs done (0 of them before), 0 broken" in capsys.readouterr().out
+    assert run("train", arguments) == 0
+    assert "2 jobs done (2 of them before), 0 broken" in capsys.readouterr().out
+
+
+@needs("hydra_optuna_sweeper")
+def test_optuna_maximises_and_starts_again(tmp_path, capsys):
+    trials = ["hydra/sweeper=tune", "hydra.sweeper.n_trials=3", "optimizer.lr=tag(log, interval(0.001, 0.01))"]
+    arguments = ["-m", *TINY, *trials, f"hydra.sweep.dir={tmp_path}"]
+    assert run("train", arguments) == 0
+    best = (tmp_path / "optimization_results.yaml").read_text()
+    scores = [json.loads(path.read_text())["best_success"] for path in tmp_path.glob("*/done.json")]
+    assert len(scores) == 3
+    assert f"best_value: {max(scores)}" in best
+    assert run("train", arguments) == 0
+    assert "3 jobs done (3 of them before), 0 broken" in capsys.readouterr().out
+    assert (tmp_path / "optimization_results.yaml").read_text() == best
+    nothing = ["hydra/sweeper=tune", "hydra.sweeper.n_trials=2", "training.batch_size=0", "optimizer.lr=choice(1,2)"]
+    assert run("train", ["-m", *TINY, *nothing, f"hydra.sweep.dir={tmp_path / 'nothing'}"]) == 2
+    *broken, last = complaints(capsys)
+    assert sum("training.batch_size: got 0" in line for line in broken) == 2
+    assert last.startswith("dore-train: ValueError: No trials are completed")

@@ -1,0 +1,194 @@
+"""Algorithm 2 as printed: the fill counts for nothing, then an update follows each episode, in one order."""
+
+from __future__ import annotations
+
+import json
+import signal
+
+import hydra
+import pytest
+import torch
+from hydra.core.global_hydra import GlobalHydra
+from tensordict import TensorDict
+from torchrl.data import LazyTensorStorage, ReplayBuffer
+
+from dore.app import session
+from dore.app.session import trainer_of
+from dore.files import conf_dir
+from dore.learn import keys
+from dore.learn.checkpoint import BEST_NAME, load_checkpoint, load_model
+from dore.learn.player import Burst, Player
+from dore.learn.replay import draw_in_order, restore
+from dore.learn.trainer import Trainer
+from tests.commands import TINY, run
+from tests.drawings import wide_hand
+from tests.learn.test_trainer import metrics, same
+from tests.worlds import make_agent, make_env
+
+LITERAL = [
+    *(option for option in TINY if not option.startswith(("agent.", "training.", "layout."))),
+    *("layout.rows=3", "layout.cols=4", "instances.train_size=40", "training.fill=50", "training.batch_size=4"),
+    *("training.max_episodes=60", "target_update.value_network_update_interval=9"),
+]
+"""A tiny run of the paper's preset; its targets are copied every 10 updates."""
+
+
+def literal(paper: str, *overrides: str) -> Trainer:
+    GlobalHydra.instance().clear()
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        return trainer_of(hydra.compose("train", [f"paper={paper}", *LITERAL, *overrides]))
+
+
+def numbered(n: int, first: int = 0) -> TensorDict:
+    return TensorDict({"id": torch.arange(first, first + n)}, batch_size=[n])
+
+
+@pytest.mark.parametrize("held", [0, 3, 25])
+def test_draws_see_what_is_stored_by_then_and_nothing_that_is_written_over(held):
+    """A replay of 8: the k-th draw is uniform over the last 8 rows of those stored until then."""
+    torch.manual_seed(0)
+    buffer = ReplayBuffer(storage=LazyTensorStorage(8), batch_size=1)
+    for row in range(held):
+        buffer.extend(numbered(1, row))
+    stored = torch.tensor([1, 4, 5, 9, 14])
+    drawn = draw_in_order(buffer, numbered(14, held), stored, 4000)["id"].view(5, 4000)
+    assert len(buffer) == min(held, 8)
+    for ids, last in zip(drawn, (held + stored).tolist(), strict=True):
+        window = set(range(max(0, last - 8), last))
+        counts = torch.bincount(ids - min(window))
+        assert set(ids.tolist()) == window
+        assert counts.min() > 0.8 * 4000 / len(window)
+
+
+@pytest.mark.parametrize("num_envs", [1, 7])
+def test_an_episode_is_handed_over_whole_when_it_has_ended(num_envs):
+    torch.manual_seed(0)
+    reach = wide_hand(3, 4)
+    env = make_env(reach, num_envs, 5, max_moves=4)
+    player = Player(env, make_agent("sequential", True, reach), "episode")
+    player.reset()
+    lengths = []
+    for _ in range(60):
+        burst = player.play(epsilon=1.0)
+        assert burst.episodes.tolist() == list(range(1, len(burst.stored) + 1))
+        for k in range(len(burst.stored)):
+            episode = burst.split(k)[1].split(1)[0].rows
+            lengths.append(len(episode))
+            assert torch.equal(episode[keys.BOARD][1:], episode["next", keys.BOARD][:-1])
+            ended = episode["next", keys.TERMINATED].squeeze(-1).tolist()
+            assert ended[:-1] == [False] * (len(episode) - 1)
+            assert ended[-1] or len(episode) == 4, "only the step limit ends an episode that has not terminated"
+    assert {1, 2} < set(lengths)
+    assert sum(lengths) + int(player._length.sum()) == 60 * num_envs, "no step is lost or there twice"
+
+
+def one_after_the_other(trainer: Trainer, burst: Burst) -> None:
+    """Algorithm 2, lines 3-5, a line at a time: store an episode, draw, learn, and the next."""
+    for k in range(len(burst.stored)):
+        trainer.buffer.extend(burst.split(k)[1].split(1)[0].rows)
+        age = (torch.rand(1, trainer.budget.batch_size, dtype=torch.float64) * len(trainer.buffer)).long()
+        sample = trainer.buffer[len(trainer.buffer) - 1 - age.flatten()]
+        trainer._update(trainer.agent.decode(restore(sample)))
+
+
+@pytest.mark.parametrize("paper", ["sequential", "single"])
+@pytest.mark.parametrize("num_envs", [1, 9])
+def test_many_environments_store_and_learn_in_the_order_of_one(paper, num_envs, monkeypatch):
+    """It draws, decodes and works out targets for many updates at once; the weights are those of one by one."""
+    options = (paper, f"env.num_envs={num_envs}", "buffer.storage.max_size=5000")
+    trainer, by_the_book = literal(*options), literal(*options)
+    learned: list[tuple[torch.Tensor, Burst]] = []
+    learn = trainer._learn
+    monkeypatch.setattr(trainer, "_learn", lambda burst: (learned.append((torch.get_rng_state(), burst)), learn(burst)))
+    while trainer.progress.filled < 50:
+        trainer.iterate()
+    by_the_book.buffer.extend(trainer.buffer[:])
+    while not trainer.spent():
+        trainer.iterate()
+    for state, burst in learned:
+        torch.set_rng_state(state)
+        one_after_the_other(by_the_book, burst)
+    assert len(trainer.buffer) == len(by_the_book.buffer)
+    assert all(torch.equal(a, b) for a, b in zip(*(rows_of(one) for one in (trainer, by_the_book)), strict=True))
+    weights = [one.agent.networks.state_dict() for one in (trainer, by_the_book)]
+    for name, value in weights[0].items():
+        torch.testing.assert_close(value, weights[1][name], rtol=1e-4, atol=1e-5)
+
+
+def rows_of(trainer: Trainer) -> list[torch.Tensor]:
+    return [value for _, value in sorted(trainer.buffer[:].flatten_keys(".").items())]
+
+
+@pytest.mark.parametrize("unit", ["episode", "step"])
+def test_the_fill_counts_for_nothing_and_each_unit_has_its_update(unit):
+    trainer = literal("sequential", f"training.update_after={unit}", "env.num_envs=5")
+    while trainer.progress.filled < 50:
+        trainer.iterate()
+        assert trainer.agent._greedy[0].explore.eps.item() == 1.0
+    progress = trainer.progress
+    assert (progress.filled, progress.env_steps, progress.episodes, progress.updates) == (50, 0, 0, 0)
+    assert len(trainer.buffer) == 50
+    trainer.iterate()
+    assert progress.epsilon == trainer.epsilon.start, "epsilon falls over what is played after the fill"
+    while not trainer.spent():
+        trainer.iterate()
+    assert progress.episodes == 60, "not one more than T_lim"
+    stored = len(trainer.buffer) - 50
+    assert progress.updates == (60 if unit == "episode" else stored)
+    assert stored > 60
+
+
+def test_an_ipt_comes_exactly_every_so_many_episodes(monkeypatch):
+    """With twenty environments many episodes end at once; the weights tested are those after the n-th."""
+    trainer = literal("sequential", "env.num_envs=20", "ipt.every_episodes=7")
+    tested: list[tuple[int, int]] = []
+    run_test = trainer.run_test
+    monkeypatch.setattr(
+        trainer,
+        "run_test",
+        lambda: (tested.append((trainer.progress.episodes, trainer.progress.updates)), run_test())[1],
+    )
+    trainer.run(lambda progress, result: None, stop=lambda: False)
+    assert tested == [(n, n) for n in range(7, 60, 7)]
+
+
+def test_the_last_model_is_returned_and_the_best_lies_beside_it(tmp_path):
+    folder = tmp_path / "run"
+    assert run("train", ["paper=sequential", *LITERAL, "ipt.every_episodes=5", f"run_dir={folder}"]) == 0
+    last, _ = load_model(folder)
+    networks = load_checkpoint(folder / "checkpoint.pt")["loss"]
+    assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
+    best, _ = load_model(folder / BEST_NAME)
+    assert best.keys() == last.keys()
+    assert any(not torch.equal(value, last[name]) for name, value in best.items())
+    done = json.loads((folder / "done.json").read_text())
+    assert (done["episodes"], done["updates"], done["filled"]) == (60, 60, 50)
+    assert done["best_success"] == max(float(row["success"]) for row in metrics(folder) if row["success"])
+
+
+def key_of(name: str) -> str:
+    """Where a checkpoint's loss keeps a weight of the networks."""
+    head, *rest = name.split(".")
+    return f"{head}_params." + ".".join(["module", *rest])
+
+
+@pytest.mark.parametrize("stop_at", [2, 12])
+def test_stopped_while_it_fills_or_learns_it_goes_on_as_if_it_had_not(tmp_path, stop_at, monkeypatch):
+    report = session.Session._report
+
+    def interrupted(self, progress, tested):
+        report(self, progress, tested)
+        if progress.iteration == stop_at:
+            self._ask_to_stop(signal.SIGINT, None)
+
+    common = ["paper=sequential", *LITERAL, "env.num_envs=20", "ipt.every_episodes=7"]
+    assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(session.Session, "_report", interrupted)
+        assert run("train", [*common, f"run_dir={tmp_path / 'parts'}"]) == 130
+    stopped = load_checkpoint(tmp_path / "parts" / "checkpoint.pt")
+    assert (stopped["progress"]["updates"] == 0) == (stop_at == 2)
+    assert run("train", [f"resume={tmp_path / 'parts'}"]) == 0
+    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
+    assert same(whole, parts)
+    assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")

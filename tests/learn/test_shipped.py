@@ -1,0 +1,107 @@
+"""One agent on every layout, and what trains the model that ships."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import pytest
+import torch
+
+from dore.errors import InputError
+from dore.learn.agents.sequential import Sequential
+from dore.learn.checkpoint import SHIPPED, load_model
+from dore.learn.networks import CellNet
+from dore.learn.rollout import greedy_rollout
+from dore.planners.learned import Learned
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.rules import placeable
+from scripts import train_shipped
+from tests.drawings import wide_hand
+from tests.worlds import make_agent
+
+
+def cells_agent(rows: int, cols: int) -> Sequential:
+    torch.manual_seed(0)
+    return Sequential(
+        reach=wide_hand(rows, cols),
+        network=partial(CellNet, width=8, blocks=1),
+        encoding="lanes",
+        mask_mode="legal",
+        chain="natural",
+        gamma=0.8,
+        double=True,
+        loss_function="smooth_l1",
+        symmetry=False,
+    )
+
+
+def test_an_agent_on_another_layout_is_the_one_made_for_it():
+    reach = wide_hand(4, 6)
+    moved, made = cells_agent(3, 5).on(reach), cells_agent(4, 6)
+    batch = FreshInstances(reach, Difficulty(3, 9), "train", 0).draw(50)
+    first, second = (greedy_rollout(agent.greedy, reach, batch, 8) for agent in (moved, made))
+    assert torch.equal(first.pick, second.pick)
+    assert torch.equal(first.place, second.place)
+    assert moved.loss.state_dict().keys() == made.loss.state_dict().keys()
+
+
+def test_it_shares_weights_and_loss():
+    agent = cells_agent(3, 5)
+    other = agent.on(wide_hand(4, 6))
+    assert other.networks is agent.networks
+    assert other.loss is agent.loss
+    assert other.reach.n_cells == 24
+    assert agent.reach.n_cells == 15
+
+
+@pytest.mark.parametrize("kind", ["sequential", "single"])
+def test_the_greedy_place_is_the_most_valued_one(kind):
+    reach = wide_hand(4, 5)
+    agent = make_agent(kind, False, reach, slots=8)
+    batch = FreshInstances(reach, Difficulty(3, 8), "train", 0).draw(40)
+    played = greedy_rollout(agent.greedy, reach, batch, 1)
+    moved = played.n_moves == 1
+    board, target, pick = batch.board[moved], batch.target[moved], played.pick[moved, 0]
+    values = agent.move_values(board, target, pick)
+    lifted = board & ~(torch.ones_like(pick) << pick)[:, None]
+    open_ = placeable(reach, lifted, target).scatter(1, pick[:, None], False)
+    assert torch.equal(values.masked_fill(~open_, -torch.inf).argmax(-1), played.place[moved, 0])
+
+
+def test_a_head_that_is_not_of_cells_is_refused():
+    with pytest.raises(InputError, match="one output a cell"):
+        CellNet(wide_hand(3, 3).layout, n_planes=3, n_outputs=(5, 9), width=8, blocks=1)
+
+
+def test_the_shipped_model_serves_a_layout_it_never_saw():
+    reach = wide_hand(5, 7)
+    batch = FreshInstances(reach, Difficulty(3, 8), "test", 0).draw(100)
+    plans = Learned(reach, None, 16).plan(batch)
+    assert sum(plan.status == "solved" for plan in plans) >= 95
+
+
+def test_training_writes_weights_and_a_card(tmp_path, monkeypatch):
+    out = tmp_path / "model.safetensors"
+    monkeypatch.setattr(train_shipped, "WORLDS", train_shipped.WORLDS[2:4])
+    small = ["instances.validation_size=20", "ipt.batch_size=20", "env.num_envs=8", "training.learning_starts=8"]
+    more = ["instances.max_obstacles=5", "network.width=8", "training.batch_size=8"]
+    assert train_shipped.main(["--minutes", "0.02", "--out", str(out), *small, *more]) == 0
+    weights, config = load_model(out)
+    assert config["network"]["width"] == 8
+    assert any("pick" in name for name in weights)
+    card = json.loads(out.with_suffix(".json").read_text())
+    assert {"commit", "seed", "tests"} <= card.keys()
+    shipped = json.loads(SHIPPED.with_suffix(".json").read_text())
+    assert shipped.keys() == card.keys()
+    assert {*card["tests"][-1]} - {*train_shipped.WORLDS} == {"seconds", "updates", "mean_cost"}
+    assert {*card["tests"][-1]} < {*shipped["tests"][-1]}, "the card of an older script"
+
+
+def test_training_refuses_in_one_line(tmp_path, capsys):
+    for words, says in ((["--minutes", "0"], "--minutes: got 0.0"), (["layout=none"], "layout")):
+        assert train_shipped.main(["--out", str(tmp_path / "m.safetensors"), *words]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("train_shipped: ")
+        assert says in line
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,61 @@
+"""Q-value maps: what is framed is what the greedy policy does, on boards of the wanted optimum."""
+
+from __future__ import annotations
+
+import pytest
+
+from dore.app import build
+from dore.errors import InputError
+from dore.learn.checkpoint import SHIPPED
+from dore.world.instances import InstanceSet
+from scripts import q_maps
+from scripts.planner_timing import composed
+from scripts.q_maps import BOARDS, Wanted, main, maps_of
+from tests.worlds import make_agent
+
+SMALL = Wanted("3x6", 4, 2, "a small one")
+
+
+def test_the_choices_are_the_policys_first_move():
+    pick, place = maps_of(SMALL, SHIPPED)
+    cfg = composed(["layout=3x6", "reach=wide_hand", "planner=[learned,exact]"])
+    reach = build.reach_of(cfg, "cpu")
+    learned, exact = (
+        planner.plan(InstanceSet.of_scene(reach, pick.scene))[0] for planner in build.planners_of(cfg, reach)
+    )
+    assert (pick.choice, place.choice) == (learned.moves[0].pick, learned.moves[0].place)
+    assert len(exact.moves) == SMALL.optimum
+    assert set(place.scene.obstacles) == set(pick.scene.obstacles) - {pick.choice}
+    assert set(pick.legal.nonzero().squeeze(-1).tolist()) <= set(pick.scene.obstacles)
+    assert not set(place.legal.nonzero().squeeze(-1).tolist()) & {*place.scene.obstacles, place.scene.target}
+
+
+def test_a_picture_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(q_maps, "BOARDS", (SMALL, Wanted("5x5", 5, 1, "another")))
+    out = tmp_path / "new" / "q.png"
+    assert main(["--out", str(out)]) == 0
+    assert out.read_bytes().startswith(b"\x89PNG")
+    assert out.stat().st_size > 20_000
+
+
+def test_the_boards_of_the_page_compose():
+    for wanted in BOARDS:
+        rows, cols = wanted.layout.split("x")
+        cfg = composed([f"layout={wanted.layout}", "reach=wide_hand"])
+        assert (cfg.layout.rows, cfg.layout.cols) == (int(rows), int(cols))
+
+
+def test_what_cannot_be_drawn_is_one_line(tmp_path, capsys):
+    assert main(["--model", str(tmp_path / "none"), "--out", str(tmp_path / "q.png")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no such file" in line
+    with pytest.raises(InputError, match="none of 100 boards needs 9 moves"):
+        maps_of(Wanted("3x6", 3, 9, ""), SHIPPED)
+
+
+def test_only_a_sequential_agent_has_both(monkeypatch):
+    monkeypatch.setattr(
+        "dore.planners.learned.Learned.copy_of_agent", lambda planner: make_agent("single", False, planner.reach)
+    )
+    with pytest.raises(InputError, match="want one of agent=sequential"):
+        maps_of(SMALL, SHIPPED)

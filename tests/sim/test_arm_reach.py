@@ -1,0 +1,152 @@
+"""One truth for planning and executing: what the planners may ask for is what the arm can follow."""
+
+from __future__ import annotations
+
+import csv
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from dore.files import conf_dir
+from dore.sim.config import preset
+from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, lane_differences
+from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.scene.urdf import arm_files
+from dore.world.files import read_plan
+from dore.world.layout import Layout
+from dore.world.reach import Reach
+from scripts.measure_reach import Surveyor, main, survey
+
+LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
+ARM, OBJECTS = preset("arm/panda_slim"), preset("objects/mixed")
+
+
+@pytest.fixture(scope="module")
+def kinematics() -> ArmKinematics:
+    return ArmKinematics(arm_files(visuals=False, arm=ARM), ARM)
+
+
+@pytest.fixture(scope="module")
+def reach(kinematics) -> Reach:
+    return arm_reach(ARM, OBJECTS, LAYOUT, kinematics)
+
+
+@pytest.fixture(scope="module")
+def surveyor() -> Surveyor:
+    return Surveyor(ARM, OBJECTS, LAYOUT)
+
+
+def test_the_preset_holds_the_arms_numbers(reach):
+    preset_file = OmegaConf.load(conf_dir() / "reach" / "panda_slim.yaml")
+    written = {key: value for key, value in preset_file.reach.items() if key != "_target_"}
+    assert written == reach.to_dict()
+    assert preset_file.layout.front_m == LAYOUT.front_m
+
+
+def test_the_clearance_is_the_hand_the_widest_object_and_the_margin(kinematics, reach):
+    assert kinematics.hand_half_width_m == pytest.approx(0.052)  # open by 0.04 each, 12 mm fingers
+    assert OBJECTS.widest.radius_m == pytest.approx(0.025 * 2**0.5)
+    least = 0.052 + 0.025 * 2**0.5 + ARM.lane_margin_m
+    assert least <= reach.clearance_m < least + 0.001
+
+
+def test_allowed_lanes_are_exactly_those_that_the_arm_follows(surveyor):
+    """Every cell and sector of 3 x 6: none is allowed that the arm cannot follow, and none forbidden that it can."""
+    followed = torch.tensor(
+        [
+            [surveyor.lane(cell, sector, others=False).followed for sector in range(surveyor.reach.n_sectors)]
+            for cell in range(LAYOUT.n_cells)
+        ]
+    )
+    assert torch.equal(followed, surveyor.reach.lanes)
+
+
+def check_no_contact(surveyor: Surveyor, lanes: list[list[int]]) -> int:
+    """No allowed lane touches an object on a cell that the rule leaves; returns how many are touched elsewhere."""
+    found = survey(surveyor, lanes)
+    assert found.followed.sum() == len(lanes)
+    assert found.not_blocked.nonzero().tolist() == []
+    return int(found.touched.sum())
+
+
+def test_free_lanes_touch_nothing_a_sample(surveyor):
+    sample = [[cell, sector] for cell in range(LAYOUT.n_cells) for sector in range(cell % 7, 60, 12)]
+    assert check_no_contact(surveyor, sample) > 100
+
+
+@pytest.mark.slow
+def test_free_lanes_touch_nothing_all(surveyor):
+    """Each of 1080 lanes with the widest object on each of the 17 other cells, empty and loaded."""
+    assert check_no_contact(surveyor, surveyor.reach.lanes.nonzero().tolist()) > 1500
+
+
+def test_a_clearance_too_small_is_found_out(surveyor):
+    """The survey itself: with 1 cm less, it names lanes on which an object would be touched."""
+    narrow = Surveyor(ARM, OBJECTS, LAYOUT)
+    narrow.reach = Reach(LAYOUT, **{**surveyor.reach.to_dict(), "clearance_m": surveyor.reach.clearance_m - 0.01})
+    found = survey(narrow, [[7, sector] for sector in range(60)])
+    assert found.not_blocked.any()
+    assert (found.off_lane_m()[found.not_blocked] > narrow.reach.clearance_m).all()
+
+
+def test_the_page_is_made_from_a_layout_that_the_arm_only_half_reaches(tmp_path, capsys):
+    """One column; its last cell is out of reach and yet allowed, which the exit code says."""
+    words = ["--rows", "4", "--cols", "1", "--set", "n_sectors=5", "--report", str(tmp_path / "one")]
+    assert main(words) == 1
+    rows = list(csv.DictReader((tmp_path / "one.csv").open()))
+    assert len(rows) == 20
+    assert all(row["allowed"] == "1" for row in rows)
+    assert [row["followed"] for row in rows if row["cell"] == "1"] == ["1"] * 5
+    assert [row["followed"] for row in rows if row["cell"] == "4"] == ["0"] * 5
+    assert "no joint angles" in rows[-1]["why_not"]
+    page = (tmp_path / "one.md").read_text()
+    assert "| lanes to follow | 20 | 20 |" in page
+    assert (tmp_path / "one.png").stat().st_size > 10_000
+
+
+def test_a_plan_for_the_same_reach_differs_in_nothing(reach):
+    assert lane_differences(reach, reach) is None
+    planned = read_plan(Path(conf_dir()) / "plans" / "fig7.json").reach
+    assert lane_differences(planned, reach) is None
+
+
+def test_a_stricter_plan_and_other_sectors_are_no_difference(reach):
+    assert lane_differences(Reach(LAYOUT, 0.142, 15.0, 30), reach) is None
+    assert lane_differences(Reach(LAYOUT, 0.10, 30.0, 61), reach) is None
+
+
+def test_lanes_outside_the_arms_fan_and_limits_are_named(reach):
+    words = lane_differences(Reach(LAYOUT, 0.10, 40.0, 9), reach)
+    assert words == "36 of its 162 lanes (cells 1-18) are none of this arm's"
+    strict = Reach(LAYOUT, **{**reach.to_dict(), "lateral_limit_m": 0.2})
+    words = lane_differences(reach, strict)
+    assert words is not None
+    assert "cells 1-2, 5-8, 11-18" in words
+
+
+def test_lanes_with_fewer_blocking_cells_are_named(reach):
+    words = lane_differences(Reach(LAYOUT, 0.095, 30.0, 60), reach)
+    assert words is not None
+    assert words.endswith("of its 1080 lanes (cells 1-18) have fewer blocking cells than this arm needs empty")
+
+
+def test_far_cells_are_named_and_quickly(kinematics, reach):
+    away = Layout.grid(3, 6, 0.12, 0.66)
+    seconds = {}
+    for layout, wanted in ((LAYOUT, ()), (away, tuple(range(12, 18)))):
+        started = time.process_time()
+        assert cells_out_of_reach(layout, arm_reach(ARM, OBJECTS, layout, kinematics), kinematics) == wanted
+        seconds[layout] = time.process_time() - started
+    assert max(seconds.values()) < 1.0
+    deep = Layout.grid(6, 6, 0.12, 0.50)
+    out = cells_out_of_reach(deep, arm_reach(ARM, OBJECTS, deep, kinematics), kinematics)
+    assert set(range(24, 36)) <= set(out)
+    assert not set(range(18)) & set(out)
+
+
+def test_all_cells_are_out_of_reach_where_the_arm_cannot_even_begin(kinematics):
+    away = Layout.grid(1, 2, 0.12, 1.5)
+    assert cells_out_of_reach(away, arm_reach(ARM, OBJECTS, away, kinematics), kinematics) == (0, 1)

@@ -1,0 +1,327 @@
+"""Closed loops: what is not as expected is met by looking and planning again, or by a refusal; never by a false claim.
+
+The camera is stood in for by the simulator's state, so that these run where nothing can render; tests/test_sim_eye.py
+has the camera itself.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sapien
+import torch
+
+from dore.app.build import reach_of
+from dore.errors import InputError
+from dore.planners.exact import Exact
+from dore.sim.config import preset
+from dore.sim.motion.outcome import Outcome
+from dore.sim.motion.rehearsal import Refused
+from dore.sim.run import closed_execution, closed_loop
+from dore.sim.run.closed_execution import execute_closed
+from dore.sim.run.closed_loop import ClosedLoop, Limits, Loop
+from dore.sim.run.disturbances import Disturbed, Nothing, ObjectMoved, SlippingGrasp, StrangersObject
+from dore.sim.run.feedback import leaning_deg, positions
+from dore.sim.run.film import Video
+from dore.sim.run.open_loop import conclude
+from dore.sim.run.report import ExecutionReport
+from dore.sim.run.setup import CONTROL_S, Stage
+from dore.sim.scene.agent import render_backend
+from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.scene_estimate import Sighting
+from dore.sim.vision.seen import confirm
+from dore.world.instances import InstanceSet
+from dore.world.layout import Layout
+from dore.world.plan import Scene
+from tests.app.test_conf import compose
+from tests.commands import run
+
+pytestmark = pytest.mark.sim
+
+LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
+SCENE = Scene(LAYOUT, obstacles=(2, 8, 13), target=14)
+LIMITS = Limits(max_moves=8, max_faults=2, max_looks=2)
+STAGE = Stage(preset("arm/panda_slim"), preset("objects/mixed"), preset("camera/corner"), seed=3, film=False)
+
+
+class TrueEye:
+    """Sees what the camera would: everything that stands where it looks, and is not held up."""
+
+    def __init__(self, config: EyeConfig, seed: int) -> None:
+        self.config = config
+
+    def look(self, env: Any) -> tuple[Sighting, ...]:
+        world = env.unwrapped
+        (near, far), seen = self.config.region(world.layout), []
+        for index, (at, leaning) in enumerate(zip(positions(world), leaning_deg(world), strict=True)):
+            body, waiting = world.bodies[index], bool(world.waiting()[0, index])
+            in_sight = bool((at[:2] > near).all() and (at[:2] < far).all()) and not waiting
+            if in_sight and -0.01 < at[2] < body.height_m / 2 + 0.01:
+                half, tall, upright = body.half_width_m, body.height_m, bool(leaning < 10)
+                seen.append(Sighting((float(at[0]), float(at[1])), half, tall, 0.0, body.shape, upright, index == 0))
+        return tuple(seen)
+
+
+def loop_with(disturbance: Any, limits: Limits = LIMITS) -> Loop:
+    reach = reach_of(compose("execute", []), "cpu", LAYOUT)
+    planner = Exact(reach, max_nodes=10_000, max_seconds=20.0, max_memory_mb=256)
+    plan = lambda scene: planner.plan(InstanceSet.of_scene(reach, scene))[0]  # noqa: E731
+    return Loop("exact", plan, reach, preset("eye/kinect"), disturbance, limits)
+
+
+def carry_out(
+    monkeypatch: pytest.MonkeyPatch,
+    loop: Loop,
+    scene: Scene = SCENE,
+    each_step: Callable[[Any], None] | None = None,
+    eye: type[TrueEye] = TrueEye,
+) -> ExecutionReport:
+    """The report of a closed loop; `each_step` is called with the environment after every control step."""
+    monkeypatch.setattr(closed_loop, "Eye", eye)
+    bodies = STAGE.bodies(1 + len(scene.obstacles) + loop.disturbance.spare_objects)
+    report = STAGE.report(scene, bodies, loop.planner)
+    env = Disturbed(STAGE.environment(LAYOUT, bodies, "none"), loop.disturbance)
+    env.reset(seed=0, options={"cells": [scene.target, *scene.obstacles]})
+    film = Video(env, Path("unused.mp4"), CONTROL_S, on=False)
+    if each_step is not None:
+        monkeypatch.setattr(film, "after_step", lambda: each_step(env))
+    run = ClosedLoop(env, loop, STAGE.kinematics, report, lambda: None, film)
+    run.run()
+    conclude(run.operator, report)
+    report.finished = True
+    env.close()
+    return report
+
+
+def kinds(report: ExecutionReport) -> list[str]:
+    return [event["event"] for event in report.events]
+
+
+def test_undisturbed_it_plans_once_and_claims_what_is_true(monkeypatch):
+    report = carry_out(monkeypatch, loop_with(Nothing()))
+    assert report.success
+    assert report.claimed
+    assert kinds(report).count("plan") == 1
+    assert kinds(report)[-1] == "look"
+    assert [move.outcome for move in report.moves] == [Outcome.DONE] * len(report.moves)
+    assert report.conditions["success"]
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "kind"),
+    [
+        (SlippingGrasp(at_grasp=1), "fault"),
+        (SlippingGrasp(at_grasp=2), "fault"),
+        (ObjectMoved(after_moves=1), "disturbance"),
+        (ObjectMoved(after_moves=0), "disturbance"),
+        (StrangersObject(after_moves=1), "disturbance"),
+    ],
+)
+def test_what_goes_wrong_once_is_seen_and_made_good(monkeypatch, disturbance, kind):
+    report = carry_out(monkeypatch, loop_with(disturbance))
+    assert kind in kinds(report)
+    assert report.success
+    assert report.claimed
+    assert report.conditions["success"]
+
+
+def test_a_grasp_that_always_slips_ends_in_a_named_refusal(monkeypatch):
+    class Slippery(SlippingGrasp):
+        def grip(self, world, command):
+            self.grasps_left = 1
+            return super().grip(world, command)
+
+    report = carry_out(monkeypatch, loop_with(Slippery(at_grasp=1)))
+    assert not report.claimed
+    assert report.outcome is Outcome.GAVE_UP
+    assert "3 faults, limits.max_faults" in report.message
+    assert len(report.moves) == 3
+
+
+def test_the_target_taken_out_of_the_hand_is_never_claimed(monkeypatch):
+    def thief(env):
+        world = env.unwrapped
+        if positions(world)[0, 0] < LAYOUT.front_m - 0.05:
+            world.objects[0].set_pose(sapien.Pose(p=[1.5, 0.0, -1.0]))
+
+    report = carry_out(monkeypatch, loop_with(Nothing()), each_step=thief)
+    assert not report.claimed
+    assert not report.success
+    assert report.outcome is Outcome.NOT_UNDERSTOOD
+    assert "no target" in report.message
+
+
+def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch):
+    """Out of the hand after the last motion: the fingers tell, and where they are not asked, the simulator does."""
+
+    class Late(TrueEye):
+        def look(self, env):
+            seen = super().look(env)
+            if not any(one.is_target for one in seen):
+                env.unwrapped.objects[0].set_pose(sapien.Pose(p=[1.5, 0.0, -1.0]))
+                for _ in range(10):
+                    env.step(torch.tensor([*env.unwrapped.agent.arm_joints()[0].tolist(), -1.0]))
+            return seen
+
+    report = carry_out(monkeypatch, loop_with(Nothing()), eye=Late)
+    assert report.outcome is Outcome.UNCONFIRMED
+    assert "the hand: it holds nothing" in report.message
+    assert not report.claimed
+    with monkeypatch.context() as patch:
+        patch.setattr(closed_loop.Touch, "holding", lambda self: True)
+        report = carry_out(patch, loop_with(Nothing()), eye=Late)
+    assert report.claimed
+    assert not report.success
+    assert report.outcome is Outcome.INCOMPLETE
+
+
+@pytest.mark.parametrize(
+    ("cells_xy", "fine"),
+    [
+        ([(0, 0), (8, 0)], True),
+        ([(0, 0)], False),
+        ([(0, 0), (7, 0)], False),
+        ([(0, 0.12), (8, 0)], False),  # the first one off the board, beside its cell
+        ([(0, 0), (8, 0), (3, 0)], False),
+    ],
+)
+def test_confirmation_wants_every_obstacle_where_it_stood(cells_xy, fine):
+    before = Scene(LAYOUT, obstacles=(0, 8), target=14)
+    seen = [
+        Sighting((LAYOUT.cells[cell][0], LAYOUT.cells[cell][1] + aside), 0.025, 0.15, 0.0, "cylinder", True, False)
+        for cell, aside in cells_xy
+    ]
+    if fine:
+        confirm(seen, before)
+        return
+    with pytest.raises(Refused) as caught:
+        confirm(seen, before)
+    assert caught.value.outcome is Outcome.UNCONFIRMED
+
+
+def test_an_obstacle_lost_off_the_table_is_missed(monkeypatch):
+    """Dropped before the grid, where no camera looks."""
+
+    def thief(env):
+        world = env.unwrapped
+        for index in (1, 2, 3):
+            if positions(world)[index, 0] < LAYOUT.front_m - 0.03:
+                world.objects[index].set_pose(sapien.Pose(p=[0.2, 0.6, -0.5]))
+
+    report = carry_out(monkeypatch, loop_with(Nothing()), each_step=thief)
+    assert report.outcome is Outcome.MISSING
+    assert "4 objects were seen, and now 3" in report.message
+    assert not report.claimed
+    assert not report.refused
+
+
+@pytest.mark.parametrize(
+    ("to", "says"),
+    [
+        ([0.66, 0.44, 0.075], r"outside every cell"),
+        ([0.56, 0.30, 0.03], r"upright"),
+        ([0.66, -0.30, 0.075], r"two objects|both"),
+    ],
+)
+def test_a_scene_that_is_no_board_is_refused_by_name(monkeypatch, to, says):
+    """Off the board, lying down, and two in a cell."""
+    lying = [0.5**0.5, 0.5**0.5, 0, 0] if to[2] < 0.05 else [1, 0, 0, 0]
+
+    class Meddler(Nothing):
+        def between_moves(self, world, moves, rng):
+            world.objects[1].set_pose(sapien.Pose(p=to, q=lying))
+            return None
+
+    scene = Scene(LAYOUT, obstacles=(2, 11), target=14)
+    report = carry_out(monkeypatch, loop_with(Meddler()), scene)
+    assert report.outcome is Outcome.NOT_UNDERSTOOD
+    assert report.moves == []
+    assert report.refused
+    assert kinds(report) == ["look", "look", "refusal"]
+    assert re.search(says, report.message), report.message
+
+
+def test_no_plan_is_said_with_the_planner_s_reason(monkeypatch):
+    full = Scene(LAYOUT, obstacles=tuple(cell for cell in range(18) if cell != 14), target=14)
+    report = carry_out(monkeypatch, loop_with(Nothing()), full)
+    assert report.outcome is Outcome.NO_PLAN
+    assert "refused: exact: unsolvable" in report.message
+    assert report.refused
+
+
+def test_limits_and_disturbances_check_their_domain():
+    with pytest.raises(InputError, match=r"limits\.max_moves"):
+        Limits(0, 1, 1)
+    with pytest.raises(InputError, match=r"disturbance\.at_grasp"):
+        SlippingGrasp(0)
+    with pytest.raises(InputError, match=r"disturbance\.after_moves"):
+        ObjectMoved(-1)
+
+
+def test_the_same_seed_disturbs_the_same(monkeypatch):
+    one, two = (carry_out(monkeypatch, loop_with(ObjectMoved(after_moves=0))) for _ in range(2))
+    assert one.events == two.events
+
+
+def test_without_a_camera_there_is_no_closed_loop(monkeypatch, tmp_path):
+    monkeypatch.setattr(closed_execution, "render_backend", lambda: "none")
+    with pytest.raises(InputError, match="closed needs a camera"):
+        execute_closed(SCENE, loop_with(Nothing()), STAGE, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("overrides", "says"),
+    [
+        ([], "plan, scene: want one of them"),
+        (["plan=conf/plans/fig7.json", "scene=random"], "plan, scene: want one of them"),
+        (["plan=conf/plans/fig7.json", "loop=closed"], "want scene= and not plan="),
+        (["scene=random", "loop=half"], "loop: got 'half', want open or closed"),
+        (["scene=random", "obstacles=18"], "obstacles: got 18, want at most 17"),
+        (["scene=random", "obstacles=0"], "obstacles: got 0"),
+        (["scene=random", "jitter_m=-1"], "jitter_m: got -1"),
+        (["scene=random", "disturbance=flood"], "flood"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capfd, overrides, says):
+    assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 2
+    error = capfd.readouterr().err.strip()
+    assert says in error
+    assert "\n" not in error
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(monkeypatch, tmp_path):
+    monkeypatch.setattr(closed_execution, "render_backend", lambda: "cpu")
+    loop = loop_with(Nothing())
+    low = replace(loop, eye=replace(loop.eye, eye_m=(0.4, 0.0, 0.3)))
+    with pytest.raises(InputError, match=r"eye\.eye_m"):
+        execute_closed(SCENE, low, STAGE, tmp_path / "none")
+    full = Scene(LAYOUT, obstacles=tuple(cell for cell in range(18) if cell != 14), target=14)
+    with pytest.raises(InputError, match="disturbance: puts in 1 more, and the scene has 0 cells left"):
+        execute_closed(full, loop_with(StrangersObject(1)), STAGE, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_scene_is_planned_and_carried_out(tmp_path, capfd):
+    assert run("execute", ["scene=random", "obstacles=5", "video=off", "seed=4", f"run_dir={tmp_path / 'run'}"]) == 0
+    assert "done: " in capfd.readouterr().out
+    assert json.loads((tmp_path / "run" / "execution.json").read_text())["planner"] == "guided"
+
+
+def test_a_real_camera_closes_the_loop(tmp_path, capfd):
+    if render_backend() == "none":
+        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
+    overrides = ["scene=random", "obstacles=5", "loop=closed", "disturbance=moved", "video=off", "seed=2"]
+    assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 0
+    report = json.loads((tmp_path / "run" / "execution.json").read_text())
+    assert report["claimed"]
+    assert report["conditions"]["success"]
+    assert np.isfinite(report["simulated_s"])

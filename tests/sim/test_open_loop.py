@@ -1,0 +1,282 @@
+"""Whole executions in the simulator: done, refused, or a fault that is seen; never a false success."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import sapien
+
+from dore.errors import InputError
+from dore.sim.config import preset
+from dore.sim.motion.outcome import Outcome
+from dore.sim.motion.rehearsal import Refused, tasks_of
+from dore.sim.run.feedback import Truth
+from dore.sim.run.open_loop import conclude, execute, rehearse
+from dore.sim.run.operator import Operator
+from dore.sim.run.setup import REPORT_NAME, VIDEO_NAME, Stage
+from dore.sim.scene.agent import render_backend
+from dore.world.layout import Layout
+from dore.world.plan import Move, Plan, PlanFile, Scene, Status, replay
+from dore.world.reach import Reach
+
+pytestmark = pytest.mark.sim
+
+LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
+REACH = Reach(LAYOUT, 0.10, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
+"""The arm's, with a sector at 0 degrees."""
+FIG7 = Scene(LAYOUT, obstacles=(15, 2, 8, 6, 12, 0), target=14)
+ARM = preset("arm/panda_slim")
+OBJECTS = preset("objects/mixed")
+
+
+def stage(**changes: Any) -> Stage:
+    """Without pictures."""
+    return replace(Stage(ARM, OBJECTS, preset("camera/corner"), seed=0, film=False), **changes)
+
+
+def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
+    return PlanFile(scene, REACH, Plan(Status.SOLVED, moves, target_direction_deg, "test", 0.0))
+
+
+FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def fig7(tmp_path_factory) -> dict[str, Any]:
+    """The paper's Fig. 7 plan, carried out in state mode: its report as the file holds it."""
+    folder = tmp_path_factory.mktemp("fig7")
+    execute(FIG7_PLAN, stage(), folder)
+    assert [file.name for file in folder.iterdir()] == [REPORT_NAME]
+    return json.loads((folder / REPORT_NAME).read_text())
+
+
+def test_fig7_ends_with_the_target_out_and_all_upright(fig7):
+    replay(FIG7_PLAN.scene, REACH, FIG7_PLAN.plan)
+    assert fig7["success"]
+    assert fig7["outcome"] == "done"
+    named = ("target_lifted", "target_out", "all_upright", "all_in_cell", "success")
+    assert fig7["conditions"] == dict.fromkeys(named, True)
+
+
+def test_fig7_report_says_what_each_move_did(fig7):
+    assert [(m["pick"], m["place"]) for m in fig7["moves"]] == [(16, 18), (3, 12), (9, 17), (15, None)]
+    for move in fig7["moves"]:
+        assert move["outcome"] == "done"
+        assert len(move["moved_mm"]) == 6
+        assert 5.0 < move["grasp_margin_mm"] < 18.0
+        assert move["others_moved_mm"] < 1.0
+        assert move["tilt_deg"] < 2.0
+        assert 2.0 < move["simulated_s"] < 30.0
+    assert all(move["placement_error_mm"] < 3.0 for move in fig7["moves"][:3])
+    assert fig7["pictures"] == "not asked for"
+
+
+def test_same_seed_same_execution(tmp_path):
+    one, two = (execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(seed=5), tmp_path / n) for n in "ab")
+    assert one.success
+    for report in (one, two):
+        report.wall_s = report.rehearsal_s = 0.0
+        report.moves = [replace(move, wall_s=0.0) for move in report.moves]
+    assert one == two
+
+
+def test_a_lane_through_an_object_is_refused_before_anything_moves(tmp_path):
+    report = execute(plan_of(), stage(), tmp_path)
+    assert report.refused
+    assert not report.success
+    assert report.outcome is Outcome.BLOCKED
+    assert report.message.startswith("refused: target (15): approach: the ")
+    assert report.message.endswith("would touch the object on cell 3")
+    assert report.moves == []
+    assert json.loads((tmp_path / REPORT_NAME).read_text())["outcome"] == "blocked"
+
+
+def test_a_carried_object_that_would_touch_another_is_refused():
+    scene = Scene(LAYOUT, obstacles=(2, 9), target=17)
+    with pytest.raises(
+        Refused, match=r"move 1 \(3 to 15\): insert: the .* would touch the object on cell 10"
+    ) as caught:
+        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), stage(), OBJECTS.draw(3, np.random.default_rng(0)))
+    assert caught.value.outcome is Outcome.BLOCKED
+
+
+def test_what_the_arm_cannot_reach_is_refused():
+    far = Layout.grid(3, 6, 0.12, 0.90)
+    bodies = OBJECTS.draw(1, np.random.default_rng(0))
+    with pytest.raises(Refused, match=r"target \(15\)") as caught:
+        rehearse(plan_of(scene=Scene(far, (), 14)), stage(), bodies)
+    assert caught.value.outcome is Outcome.OUT_OF_REACH
+    with pytest.raises(Refused, match="heads 8"):
+        rehearse(plan_of(scene=Scene(LAYOUT, (), 0), target_direction_deg=55.0), stage(), bodies)
+
+
+def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(tmp_path):
+    far = Layout.grid(6, 3, 0.12, 0.50)
+    plan = PlanFile(Scene(far, (), 4), Reach(far, 0.10, 30.0, 61), Plan(Status.SOLVED, (), 0.0, "test", 0.0))
+    report = execute(plan, stage(), tmp_path / "far")
+    assert report.refused
+    assert report.outcome is Outcome.OUT_OF_REACH
+    assert re.fullmatch(r"refused: the layout: cells (\d+, )*17(, \d+)* are out of the arm's reach", report.message)
+    other = Reach(LAYOUT, 0.08, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
+    report = execute(replace(FIG7_PLAN, reach=other), stage(), tmp_path / "other")
+    assert report.refused
+    assert report.outcome is Outcome.OTHER_REACH
+    assert "made for another reach: " in report.message
+    assert report.moves == []
+
+
+def test_an_unsolved_plan_is_refused_and_low_objects_are_bad_input(tmp_path):
+    plan = Plan(Status.GAVE_UP, (), None, "test", 0.0, reason="node budget")
+    report = execute(PlanFile(FIG7, REACH, plan), stage(), tmp_path)
+    assert report.refused
+    assert report.outcome is Outcome.NO_PLAN
+    assert report.message == "refused: test: gave_up (node budget)"
+    with pytest.raises(InputError, match=r"objects\.height_m"):
+        stage(objects=replace(OBJECTS, height_m=(0.05, 0.06)))
+
+
+def test_an_interrupted_execution_leaves_a_report_that_says_so(tmp_path, monkeypatch):
+    run = Operator.run
+
+    def interrupted(self, task):
+        if task.name.startswith("move 2"):
+            raise KeyboardInterrupt
+        return run(self, task)
+
+    monkeypatch.setattr(Operator, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        execute(FIG7_PLAN, stage(), tmp_path)
+    report = json.loads((tmp_path / REPORT_NAME).read_text())
+    assert report["outcome"] == "incomplete"
+    assert not report["finished"]
+    assert not report["success"]
+    assert [move["name"] for move in report["moves"]] == ["move 1 (16 to 18)"]
+
+
+def test_a_move_s_end_is_not_enough(tmp_path, monkeypatch):
+    """Every motion ends well, and an object has fallen meanwhile: not done."""
+    conclude_ = conclude
+
+    def after_an_accident(operator, report):
+        operator._task.objects[1].set_pose(sapien.Pose(p=[0.9, 0.3, 0.03], q=[0.5**0.5, 0.5**0.5, 0, 0]))
+        conclude_(operator, report)
+
+    monkeypatch.setattr("dore.sim.run.open_loop.conclude", after_an_accident)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(), tmp_path)
+    assert report.outcome is Outcome.INCOMPLETE
+    assert "not met: all_upright" in report.message
+
+
+def test_jittered_and_turned_objects_are_carried_out(tmp_path):
+    one, two = (stage(jitter_m=0.01, turned=turned).placing(FIG7) for turned in (False, True))
+    far = np.linalg.norm(one["offsets_m"], axis=1)
+    assert (far <= 0.01).all()
+    assert (far > 0).all()
+    assert (one["yaws_rad"] == 0).all()
+    assert len(set(two["yaws_rad"])) == 7
+    assert execute(FIG7_PLAN, stage(jitter_m=0.01, turned=True), tmp_path).success
+
+
+@pytest.mark.parametrize(
+    ("moved", "to", "after_steps", "outcome"),
+    [
+        (1, [0.56, 0.30, 0.076], 0, Outcome.WORLD_CHANGED),  # seen before the arm moves
+        (1, [0.56, 0.30, 0.076], 30, Outcome.MISSED_GRASP),  # taken away as the hand comes
+        (1, [0.56, 0.30, 0.076], 80, Outcome.DROPPED),  # taken out of the hand
+        (0, [0.80, 0.33, 0.076], 30, Outcome.PUSHED),  # another object shifted within its cell
+        (0, [0.895, 0.30, 0.03], 30, Outcome.TOPPLED),  # or laid down
+        (1, None, 80, Outcome.SLIPPED),  # pulled down a little in the hand
+    ],
+)
+def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
+    scene = Scene(LAYOUT, obstacles=(2,), target=12)
+    plan, bodies = plan_of(Move(2, 8, 0.0, 0.0), scene=scene), OBJECTS.draw(2, np.random.default_rng(0))
+    env = gym.make(
+        "DoreTabletop-v1", layout=LAYOUT, bodies=bodies, arm=ARM, obs_mode="none", reward_mode="none",
+        control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend="none",
+    )  # fmt: skip
+    env.reset(seed=0, options={"cells": [12, 2]})
+    steps = 0
+
+    def disturb() -> None:
+        nonlocal steps
+        if steps == after_steps:
+            here = env.unwrapped.objects[moved].pose
+            pulled = sapien.Pose(p=here.p[0].numpy() - [0, 0, 0.009], q=here.q[0].numpy())
+            lying = [0.5**0.5, 0.5**0.5, 0, 0] if to and to[2] < 0.05 else [1, 0, 0, 0]
+            env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to, q=lying) if to else pulled)
+        steps += 1
+
+    if after_steps == 0:
+        disturb()
+    rehearsal = rehearse(plan, stage(), bodies)
+    rehearsal.begin(scene)
+    senses = Truth(env.unwrapped, rehearsal)
+    assert Operator(env, rehearsal, senses, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
+    env.close()
+
+
+def test_what_is_put_down_elsewhere_is_misplaced(tmp_path, monkeypatch):
+    placed = Truth.placed
+
+    def kicked(self, task):
+        self._task.objects[task.body].set_pose(sapien.Pose(p=[0.68, 0.20, 0.076]))
+        return placed(self, task)
+
+    monkeypatch.setattr(Truth, "placed", kicked)
+    report = execute(FIG7_PLAN, stage(), tmp_path)
+    assert report.outcome is Outcome.MISPLACED
+    assert len(report.moves) == 1
+
+
+def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
+    """The jaws turn it by 34 degrees and shift it; the arm sees that and makes up for it."""
+    plan = plan_of(Move(14, 16, 30.0, 0.0), Move(16, 15, -20.0, 30.0), scene=Scene(LAYOUT, (14,), 0))
+    report = execute(plan, stage(objects=replace(OBJECTS, shapes="cuboid")), tmp_path)
+    assert report.success
+    assert max(move.placement_error_mm or 0.0 for move in report.moves) < 3.0
+
+
+def test_the_task_is_made_by_gymnasium_and_observes_its_state():
+    env = gym.make("DoreTabletop-v1", obs_mode="state_dict", sim_backend="physx_cpu", render_backend="none")
+    observed, _ = env.reset(seed=3)
+    assert observed["extra"]["object_poses"].shape == (1, 7 * 7)
+    again, _ = env.reset(seed=3)
+    assert (observed["extra"]["object_poses"] == again["extra"]["object_poses"]).all()
+    _, reward, terminated, _, info = env.step(env.action_space.sample() * 0)
+    assert not info["success"].any()
+    assert not terminated.any()
+    assert float(reward) == 0.0
+    with pytest.raises(InputError, match="different cells"):
+        env.reset(options={"cells": [0] * 7})
+    env.close()
+
+
+def test_irregular_layouts_and_too_many_objects():
+    layout = Layout(((0.55, 0.1), (0.66, -0.05)), 0.12)
+    bodies = OBJECTS.draw(3, np.random.default_rng(0))
+    settings: dict[str, Any] = {"layout": layout, "obs_mode": "none", "render_backend": "none"}
+    env = gym.make("DoreTabletop-v1", bodies=bodies[:2], **settings)
+    env.reset(options={"cells": [1, 0]})
+    assert np.allclose(env.unwrapped.positions()[0, :, :2], [[0.66, -0.05], [0.55, 0.1]], atol=1e-3)
+    env.close()
+    with pytest.raises(InputError, match="3 objects"):
+        gym.make("DoreTabletop-v1", bodies=bodies, **settings)
+
+
+def test_a_film_is_made_where_vulkan_is(tmp_path: Path):
+    if render_backend() == "none":
+        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
+    camera = replace(preset("camera/corner"), width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(camera=camera, film=True), tmp_path)
+    assert report.success
+    assert report.video == VIDEO_NAME
+    assert sorted(file.name for file in tmp_path.iterdir()) == [REPORT_NAME, VIDEO_NAME, "target.png"]
+    assert (tmp_path / VIDEO_NAME).stat().st_size > 1000

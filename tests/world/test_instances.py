@@ -1,0 +1,201 @@
+"""Instance sets: seeded, unique, split for good, and checked when read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import save_file
+
+from dore.errors import InputError
+from dore.world.board import count, pack, unpack
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.instances import FixedInstances, InstanceSet
+from dore.world.layout import Layout
+from dore.world.reach import Reach
+from dore.world.rules import has_move, retrievable
+from dore.world.splits import SPLITS, split_share
+from tests.drawings import PUBLISHED, wide_hand
+
+REACH = wide_hand(4, 5)
+SOME = Difficulty(3, 7)
+
+
+def keys(instances: InstanceSet) -> list[tuple[int, ...]]:
+    return [(*board, target) for board, target in zip(instances.board.tolist(), instances.target.tolist(), strict=True)]
+
+
+@pytest.mark.parametrize("reach", [REACH, wide_hand(9, 9)])
+def test_a_seed_makes_one_set_of_different_blocked_instances(reach: Reach) -> None:
+    instances = InstanceSet.generate(reach, 500, SOME, "train", seed=3)
+    assert len(set(keys(instances))) == len(instances) == 500
+    assert keys(InstanceSet.generate(reach, 500, SOME, "train", seed=3)) == keys(instances)
+    assert keys(InstanceSet.generate(reach, 500, SOME, "train", seed=4)) != keys(instances)
+    assert not bool(retrievable(reach, instances.board, instances.target).any())
+    assert bool(has_move(reach, instances.board, instances.target).all())
+    assert set(count(instances.board).tolist()) == {3, 4, 5, 6, 7}
+    occupied = unpack(instances.board, reach.n_cells)
+    assert not bool(occupied.gather(-1, instances.target[:, None]).any())
+
+
+def test_a_set_of_scenes() -> None:
+    instances = InstanceSet.generate(REACH, 20, SOME, "test", seed=0)
+    for number, scene in enumerate(instances):
+        batch = InstanceSet.of_scene(REACH, scene)
+        assert torch.equal(batch.board, instances.board[number : number + 1])
+        assert torch.equal(batch.target, instances.target[number : number + 1])
+
+
+def mirrored(reach: Reach, board: torch.Tensor) -> torch.Tensor:
+    assert reach.layout.mirror is not None
+    return pack(unpack(board, reach.n_cells)[:, reach.layout.mirror])
+
+
+def test_no_board_nor_its_mirror_image_is_in_two_splits() -> None:
+    reach = wide_hand(3, 4)
+    boards: dict[str, set[tuple[int, ...]]] = {}
+    for split in SPLITS:
+        drawn = FreshInstances(reach, Difficulty(2, 6), split, seed=0).draw(20000).board
+        boards[split] = {tuple(words) for part in (drawn, mirrored(reach, drawn)) for words in part.tolist()}
+    assert all(len(found) > 50 for found in boards.values())
+    assert boards["train"].isdisjoint(boards["validation"])
+    assert boards["train"].isdisjoint(boards["test"])
+    assert boards["validation"].isdisjoint(boards["test"])
+
+
+def test_splits_take_their_shares_of_all_boards() -> None:
+    generator = torch.Generator().manual_seed(0)
+    for reach in (REACH, wide_hand(9, 9)):
+        board = pack(torch.rand(40000, reach.n_cells, generator=generator) < 0.4)
+        share = split_share(board, reach)
+        assert torch.equal(share, split_share(mirrored(reach, board), reach))
+        for low, high in SPLITS.values():
+            inside = ((share >= low) & (share < high)).double().mean().item()
+            assert inside == pytest.approx(high - low, abs=0.012)
+
+
+def test_a_set_comes_back_from_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "test.safetensors"
+    instances = InstanceSet.generate(REACH, 30, SOME, "test", seed=0)
+    instances.save(path)
+    assert keys(InstanceSet.load(path, REACH)) == keys(instances)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def test_every_cut_of_a_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "test.safetensors"
+    InstanceSet.generate(REACH, 30, SOME, "test", seed=0).save(path)
+    whole = path.read_bytes()
+    for length in [0, 4, 8, 20, 100, len(whole) // 2, len(whole) - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=r"^[^\n]*test.safetensors: [^\n]+$"):
+            InstanceSet.load(path, REACH)
+
+
+def test_an_altered_file_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "set.safetensors"
+    instances = InstanceSet.generate(REACH, 5, SOME, "test", seed=0)
+    instances.save(path)
+    with pytest.raises(InputError, match=r"made for .*, want "):
+        InstanceSet.load(path, wide_hand(3, 6))
+    with pytest.raises(InputError, match=r"made for .*, want "):
+        InstanceSet.load(path, Reach(Layout.grid(4, 5, 0.12), **PUBLISHED))  # type: ignore[arg-type]
+    data = path.read_bytes()
+    # The last bytes are the last target: 255 there is a cell off the board.
+    path.write_bytes(data[:-8] + b"\xff" * 8)
+    with pytest.raises(InputError, match="number 5 has a target off the board"):
+        InstanceSet.load(path, REACH)
+    save_file({"board": instances.board, "target": instances.target}, path)
+    with pytest.raises(InputError, match="format None"):
+        InstanceSet.load(path, REACH)
+    path.write_bytes(data.replace(b"dore-instances/1", b"dore-instances/9"))
+    with pytest.raises(InputError, match="format 'dore-instances/9'"):
+        InstanceSet.load(path, REACH)
+    with pytest.raises(InputError, match="no such file"):
+        InstanceSet.load(tmp_path / "none", REACH)
+    with pytest.raises(InputError, match=r"^[^\n]+$"):
+        InstanceSet.load(tmp_path, REACH)
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No such file"):
+        InstanceSet.generate(REACH, 5, SOME, "test", seed=0).save(tmp_path / "none" / "set.safetensors")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("board", "target", "why"),
+    [
+        ([[1 << 20]], [0], "number 1 has an obstacle off the board"),
+        ([[-1]], [0], "number 1 has an obstacle off the board"),
+        ([[2]], [20], "number 1 has a target off the board"),
+        ([[2]], [-1], "number 1 has a target off the board"),
+        ([[2]], [1], "number 1 has the target among the obstacles"),
+        ([[1 << 19]], [0], "number 1 has nothing to rearrange"),
+        ([[2, 0]], [0], r"want Int64\[N, 1\]"),
+        ([[2], [4]], [0], r"want Int64\[N, 1\]"),
+    ],
+)
+def test_bad_instances_are_refused(board: list[list[int]], target: list[int], why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        InstanceSet(REACH, torch.tensor(board), torch.tensor(target))
+
+
+@pytest.mark.parametrize("reach", [REACH, wide_hand(9, 9)])
+def test_a_fresh_source_goes_on_where_its_state_was_taken(reach: Reach) -> None:
+    source = FreshInstances(reach, SOME, "train", seed=5)
+    source.draw(123)
+    state = source.state_dict()
+    expected = [source.draw(n) for n in (1, 700, 9000)]
+    other = FreshInstances(reach, SOME, "train", seed=99)
+    other.draw(5)
+    other.load_state_dict(state)
+    for batch in expected:
+        again = other.draw(len(batch.target))
+        assert torch.equal(again.board, batch.board)
+        assert torch.equal(again.target, batch.target)
+
+
+def test_a_fixed_source_goes_on_where_its_state_was_taken() -> None:
+    instances = InstanceSet.generate(REACH, 50, SOME, "train", seed=0)
+    source = FixedInstances(instances, seed=5)
+    source.draw(10)
+    state = source.state_dict()
+    expected = source.draw(100)
+    other = FixedInstances(instances, seed=6)
+    assert not torch.equal(other.draw(100).board, expected.board)
+    other.load_state_dict(state)
+    assert torch.equal(other.draw(100).board, expected.board)
+    assert set(expected.board[:, 0].tolist()) <= set(instances.board[:, 0].tolist())
+
+
+def test_draws_do_not_depend_on_how_many_are_asked_for_at_a_time() -> None:
+    one, other = (FreshInstances(REACH, SOME, "test", seed=1) for _ in range(2))
+    together = one.draw(300)
+    parts = torch.cat([other.draw(n).board for n in (1, 99, 200)])
+    assert torch.equal(parts, together.board)
+
+
+def test_sources_leave_the_global_generator_alone() -> None:
+    before = torch.get_rng_state()
+    FreshInstances(REACH, SOME, "train", seed=1).draw(10)
+    InstanceSet.generate(REACH, 10, SOME, "train", seed=1)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+@pytest.mark.parametrize(("low", "high"), [(0, 3), (4, 3), (1.5, 3), (-1, 3), (True, 3)])
+def test_bad_difficulties_are_one_line(low: int, high: int) -> None:
+    with pytest.raises(InputError, match=r"^instances.min_obstacles: [^\n]+$"):
+        Difficulty(low, high)
+
+
+def test_what_cannot_be_generated_is_one_line() -> None:
+    with pytest.raises(InputError, match="do not fit on 20 cells"):
+        FreshInstances(REACH, Difficulty(3, 20), "train", seed=0)
+    with pytest.raises(InputError, match="want one of train, validation, test"):
+        FreshInstances(REACH, SOME, "exam", seed=0)
+    with pytest.raises(InputError, match="different ones of the test split, there are"):
+        InstanceSet.generate(wide_hand(2, 3), 10**5, Difficulty(1, 2), "test", seed=0)
+    with pytest.raises(InputError, match="no board of the train split blocks its target"):
+        FreshInstances(wide_hand(1, 2), Difficulty(1, 1), "train", seed=0).draw(1)
