@@ -234,7 +234,7 @@ def test_bad_scenes(model, tmp_path, capsys, change, says):
 def test_help_needs_no_torch():
     code = (
         "import sys\n"
-        "from dore import cli\n"
+        "from dore.app import cli\n"
         "sys.argv = ['dore-train', '--help']\n"
         "try:\n    cli.train()\nexcept SystemExit as ended:\n    assert not ended.code\n"
         "assert 'torch' not in sys.modules and 'mani_skill' not in sys.modules\n"
