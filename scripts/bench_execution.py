@@ -28,8 +28,8 @@ from dore.sim.motion.collision import CollisionChecker
 from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.run.open_loop import execute
 from dore.sim.run.setup import CONTROL_S
-from dore.world.instances import InstanceSet
-from dore.world.plan import PlanFile, Scene
+from dore.world.plan import PlanFile
+from dore.world.problem import Batch, Problem, Scene
 from scripts.executions import composed, solvable_scenes
 
 PARTS: dict[str, tuple[Any, str]] = {
@@ -110,7 +110,9 @@ def _carry_out(scenes: list[Scene]) -> Timing:
     stage = stage_of(cfg, film=False)
     reach = build.reach_of(cfg, "cpu")
     planner, seconds = build.planner_of(cfg, reach), []
-    plans = [PlanFile(scene, reach, planner.plan(InstanceSet.of_scene(reach, scene))[0]) for scene in scenes]
+    plans = [
+        PlanFile(problem, planner.plan(Batch.of(problem))[0]) for problem in (Problem(scene, reach) for scene in scenes)
+    ]
     with TemporaryDirectory() as folder:
         execute(plans[0], stage, Path(folder))
         parts.update(dict.fromkeys(PARTS, 0.0))

@@ -28,8 +28,8 @@ from dore.planners.label import label
 from dore.report.measures import Table, as_markdown
 from dore.world.files import read_scene
 from dore.world.generator import Difficulty
-from dore.world.instances import InstanceSet
 from dore.world.plan import Status
+from dore.world.problem import Batch, Problem
 from scripts.paper_rows import TABLE_1_PLANNING_S
 from scripts.planner_timing import Size, about, composed, one_at_a_time, process_seconds, share, spread, timed, world
 
@@ -210,7 +210,7 @@ def _resident_ms(name: str, times: int) -> list[float]:
     cfg = composed(["reach=wide_hand", f"planner=[{name}]"])
     reach = build.reach_of(cfg, "cpu", scene.layout)
     (planner,) = build.planners_of(cfg, reach)
-    alone = InstanceSet.of_scene(reach, scene)
+    alone = Batch.of(Problem(scene, reach))
     return [1000 * timed(planner, alone).seconds for _ in range(times)]
 
 

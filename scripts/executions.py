@@ -34,7 +34,8 @@ from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera import Eye
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
-from dore.world.plan import PlanFile, Scene, Status
+from dore.world.plan import PlanFile, Status
+from dore.world.problem import Problem, Scene
 
 ARGUMENTS = "arguments.json"
 _KEPT: list[Any] = []
@@ -147,8 +148,8 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
     if len(rows) < count:
         raise InputError(f"--runs: {count}, but only {len(rows)} of {len(instances)} scenes are solved by all")
     print(f"{obstacles} obstacles: {count} of the first {rows[-1] + 1} scenes are solved by {', '.join(planners)}")
-    scenes = list(instances)
-    return [scenes[row] for row in rows]
+    problems = list(instances)
+    return [problems[row].scene for row in rows]
 
 
 def _keep_rendering() -> None:
@@ -171,7 +172,7 @@ def _carry_out(job: Job) -> None:
         execute_closed(job.scene, loop_of(cfg, reach), stage, job.folder)
     else:
         _, plan = planner_of(cfg, reach)
-        execute(PlanFile(job.scene, reach, plan(job.scene)), stage, job.folder)
+        execute(PlanFile(Problem(job.scene, reach), plan(job.scene)), stage, job.folder)
 
 
 if __name__ == "__main__":

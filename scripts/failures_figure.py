@@ -66,7 +66,7 @@ def draw(path: Path, drawn: Sequence[tuple[Column, Board, Mistake]]) -> None:
 
 def _pixels(column: Column, mistake: Mistake, move: Move) -> NDArray[np.uint8]:
     """A board with one move, without the legend that each panel has."""
-    panel = Panel(mistake.scene, column.reach, move, number=mistake.number)
+    panel = Panel(mistake.problem, move, number=mistake.number)
     pixels = panel_pixels(panel, WIDTH_PX, 4 * WIDTH_PX, {})
     # The legend lies below the board and grows with it.
     legend = round(WIDTH_PX * PANEL_LEGEND_INCH[1] / PANEL_LEGEND_INCH[0])
@@ -80,7 +80,7 @@ def _head(column: Column, board: Board) -> str:
 
 def _titles(column: Column, mistake: Mistake) -> tuple[str, str]:
     """What stands above a failure's two boards."""
-    best, move = (Panel(mistake.scene, column.reach, one).words for one in (mistake.best, mistake.move))
+    best, move = (Panel(mistake.problem, one).words for one in (mistake.best, mistake.move))
     left = f"{mistake.after} left" if mistake.after is not None else "no plan proved"
     return (
         f"a shortest plan: {best}, {mistake.optimum - 1} left",

@@ -13,9 +13,9 @@ from dore.errors import InputError
 from dore.learn.lane_features import lane_costs
 from dore.planners.base import Planner
 from dore.world.board import bit
-from dore.world.generator import Batch
-from dore.world.instances import InstanceSet, scenes_of
-from dore.world.plan import Move, Plan, Scene, Status
+from dore.world.instances import InstanceSet, problems_of
+from dore.world.plan import Move, Plan, Status
+from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from dore.world.rules import lift
 from scripts.planner_timing import composed
@@ -28,13 +28,13 @@ PROOF_S = 10.0
 class Mistake:
     """The network's first move after which no plan of one move fewer is proved.
 
-    number: the move's, from 1. scene: the board before it. now: what the lanes' costs say of that board.
+    number: the move's, from 1. problem: the board before it. now: what the lanes' costs say of that board.
     best: the first move of a shortest plan from there. optimum, after: the fewest moves before and after the
     network's move; `after` is None where there is no plan, or no proof in time.
     """
 
     number: int
-    scene: Scene
+    problem: Problem
     now: int
     best: Move
     move: Move
@@ -139,7 +139,7 @@ def _mistakes(
         pick, place = (torch.tensor([getattr(move, end) for move in moves]) for end in ("pick", "place"))
         following = lift(board, pick) | bit(place, board.shape[-1])
         after = exact.plan(Batch(following, target))
-        scenes, now = scenes_of(reach, Batch(board, target)), lane_costs(reach, board, target).now.tolist()
+        problems, now = problems_of(reach, Batch(board, target)), lane_costs(reach, board, target).now.tolist()
         number += 1
         kept = []
         for index, ((row, proof, _), then) in enumerate(zip(going, after, strict=True)):
@@ -148,7 +148,7 @@ def _mistakes(
                 kept.append(index)
             else:
                 found[row] = Mistake(
-                    number, scenes[index], now[index], proof.moves[0], moves[index], len(proof.moves), fewest
+                    number, problems[index], now[index], proof.moves[0], moves[index], len(proof.moves), fewest
                 )
         going = [(going[index][0], after[index], going[index][2]) for index in kept]
         board, target = following[kept], target[kept]

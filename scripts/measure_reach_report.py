@@ -16,7 +16,7 @@ from torch import Tensor
 from dore.files import atomic_write, commit
 from dore.report.measures import as_markdown
 from dore.sim.config import ArmConfig
-from dore.world.plan import cell_id
+from dore.world.problem import cell_id
 from dore.world.reach import Reach
 from scripts.measure_reach import Survey
 

@@ -18,9 +18,10 @@ from dore.app import build
 from dore.files import conf_dir
 from dore.planners.base import Planner
 from dore.report.intervals import percentile
-from dore.world.generator import Batch, Difficulty
+from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan
+from dore.world.problem import Batch
 
 
 class Timed(NamedTuple):

@@ -29,9 +29,9 @@ from dore.learn.agents.sequential import Sequential
 from dore.learn.checkpoint import SHIPPED
 from dore.planners.label import label
 from dore.planners.learned import Learned
-from dore.world.generator import Batch, Difficulty
-from dore.world.instances import InstanceSet, scenes_of
-from dore.world.plan import Scene, cell_id
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet, problems_of
+from dore.world.problem import Batch, Scene, cell_id
 from dore.world.reach import Reach
 from dore.world.rules import legal_moves, legal_places
 from scripts.planner_timing import composed
@@ -122,7 +122,8 @@ def _values(reach: Reach, agent: Sequential, start: Batch) -> tuple[Map, Map]:
     """Both maps of one instance."""
     board, target = start
     visited = board[:, None]
-    (scene,) = scenes_of(reach, start)
+    (problem,) = problems_of(reach, start)
+    scene = problem.scene
     pick = Map(scene, agent.pick_values(board, target)[0], legal_moves(reach, board, target, visited).pick[0])
     cell = torch.tensor([pick.choice])
     left = Scene(scene.layout, tuple(one for one in scene.obstacles if one != pick.choice), scene.target)

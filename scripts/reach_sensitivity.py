@@ -20,10 +20,11 @@ from dore.errors import InputError, number, seed_of, whole
 from dore.planners.base import Planner
 from dore.planners.exact import Exact
 from dore.planners.straight_line import StraightLine
-from dore.world.generator import Batch, Difficulty
+from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.layout import Layout
 from dore.world.plan import Status
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from scripts.paper_rows import OBSTACLES, REARRANGEMENTS
 from scripts.reach_sensitivity_report import write_report

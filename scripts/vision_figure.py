@@ -17,7 +17,7 @@ from dore.sim.motion.frames import Array
 from dore.sim.vision.perception import Frame
 from dore.sim.vision.scene_estimate import Sighting, cell_of
 from dore.world.layout import Layout
-from dore.world.plan import cell_id
+from dore.world.problem import cell_id
 from scripts.vision_scenes import Setup
 
 DPI = 160

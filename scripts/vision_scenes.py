@@ -19,7 +19,7 @@ from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera_config import EyeConfig
 from dore.sim.vision.scene_estimate import NotUnderstood, Sighting, Why, cell_of, scene_of
 from dore.world.layout import Layout
-from dore.world.plan import Scene
+from dore.world.problem import Scene
 
 OBSTACLES = (3, 10)
 JITTER_M = 0.01

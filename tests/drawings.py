@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dore.world.layout import Layout
-from dore.world.plan import Scene
+from dore.world.problem import Scene
 from dore.world.reach import Reach
 
 WIDE_HAND = {"clearance_m": 0.142, "half_fan_deg": 15.0, "n_sectors": 30}

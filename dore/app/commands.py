@@ -24,8 +24,9 @@ from dore.planners.base import Planner
 from dore.report import measures as tables
 from dore.report.evaluation import ROWS, Timing, evaluate_into, read_rows
 from dore.world.files import read_scene, write_plan
-from dore.world.instances import InstanceSet, random_scene
-from dore.world.plan import Plan, PlanFile, Status, cell_id
+from dore.world.instances import InstanceSet, random_problem
+from dore.world.plan import Plan, PlanFile, Status
+from dore.world.problem import Batch, Problem, cell_id
 
 OK, FAILED, UNSOLVABLE, GAVE_UP, STOPPED = 0, 1, 3, 4, 130
 
@@ -161,19 +162,18 @@ def plan(cfg: DictConfig) -> int:
     if cfg.scene == "random":
         reach = build.reach_of(world, cfg.device)
         difficulty = build.splits_of(world, reach).difficulty
-        scene = random_scene(reach, difficulty, seed_of("seed", cfg.seed))
+        problem = random_problem(reach, difficulty, seed_of("seed", cfg.seed))
     else:
         scene = read_scene(path_of("scene", cfg.scene))
-        reach = build.reach_of(world, cfg.device, scene.layout)
-    (found,) = build.planner_of(cfg, reach).plan(InstanceSet.of_scene(reach, scene))
-    file = PlanFile(scene, reach, found)
-    write_plan(out, file)
+        problem = Problem(scene, build.reach_of(world, cfg.device, scene.layout))
+    (found,) = build.planner_of(cfg, problem.reach).plan(Batch.of(problem))
+    write_plan(out, PlanFile(problem, found))
     try:
-        draw_plan(scene, reach, found, picture)
+        draw_plan(problem, found, picture)
     except OSError:
         out.unlink()
         raise
-    _print_plan(found, cell_id(scene.target))
+    _print_plan(found, cell_id(problem.scene.target))
     print(f"plan: {out}  picture: {picture}")
     return {Status.SOLVED: OK, Status.UNSOLVABLE: UNSOLVABLE, Status.GAVE_UP: GAVE_UP}[found.status]
 

@@ -18,8 +18,9 @@ from dore.sim.run.report import ExecutionReport
 from dore.sim.run.setup import REPORT_NAME, Stage
 from dore.world.files import read_plan, read_scene
 from dore.world.generator import Difficulty
-from dore.world.instances import InstanceSet, random_scene
-from dore.world.plan import Plan, PlanFile, Scene, Status
+from dore.world.instances import random_problem
+from dore.world.plan import Plan, PlanFile, Status
+from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 
 OK, FAULT, REFUSED = 0, 1, 3
@@ -60,7 +61,7 @@ def loop_of(cfg: DictConfig, reach: Reach) -> Loop:
 def planner_of(cfg: DictConfig, reach: Reach) -> tuple[str, Callable[[Scene], Plan]]:
     """The planner's name, and its plan for a scene."""
     planner = build.planner_of(cfg, reach)
-    return planner.name, lambda scene: planner.plan(InstanceSet.of_scene(reach, scene))[0]
+    return planner.name, lambda scene: planner.plan(Batch.of(Problem(scene, reach)))[0]
 
 
 Work = Callable[[Path], ExecutionReport]
@@ -69,8 +70,9 @@ Work = Callable[[Path], ExecutionReport]
 def _open(cfg: DictConfig, stage: Stage) -> Work:
     """A plan as it is, or one for the scene."""
     if cfg.plan is None:
-        scene, reach = _problem(cfg)
-        return partial(execute_plan, PlanFile(scene, reach, planner_of(cfg, reach)[1](scene)), stage)
+        problem = _problem(cfg)
+        _, plan = planner_of(cfg, problem.reach)
+        return partial(execute_plan, PlanFile(problem, plan(problem.scene)), stage)
     plan_file = read_plan(path_of("plan", cfg.plan))
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
@@ -81,19 +83,19 @@ def _closed(cfg: DictConfig, stage: Stage) -> Work:
     """The scene, which the arm has to see for itself."""
     if cfg.scene is None:
         raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
-    scene, reach = _problem(cfg)
-    return partial(execute_closed, scene, loop_of(cfg, reach), stage)
+    problem = _problem(cfg)
+    return partial(execute_closed, problem.scene, loop_of(cfg, problem.reach), stage)
 
 
-def _problem(cfg: DictConfig) -> tuple[Scene, Reach]:
+def _problem(cfg: DictConfig) -> Problem:
     """The scene, and the reach on its layout."""
     if cfg.scene != "random":
         scene = read_scene(path_of("scene", cfg.scene))
-        return scene, build.reach_of(cfg, "cpu", scene.layout)
+        return Problem(scene, build.reach_of(cfg, "cpu", scene.layout))
     reach, obstacles = build.reach_of(cfg, "cpu"), whole("obstacles", cfg.obstacles, 1)
     if obstacles >= reach.n_cells:
         raise InputError(f"obstacles: got {obstacles}, want at most {reach.n_cells - 1}, one cell less than there are")
-    return random_scene(reach, Difficulty(obstacles, obstacles), cfg.seed), reach
+    return random_problem(reach, Difficulty(obstacles, obstacles), cfg.seed)
 
 
 def _print_report(report: ExecutionReport, folder: Path) -> None:

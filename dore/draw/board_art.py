@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon, Rectangle
 
-from dore.world.plan import Scene, cell_id
-from dore.world.reach import Reach
+from dore.world.problem import Problem, Scene, cell_id
 
 OBSTACLE, TARGET, INK, FAINT = "#c8553d", "#2e8b57", "#2b2d33", "#8b8f98"
 PICK_LANE, PLACE_LANE = "#4c78a8", "#e0a030"
@@ -55,14 +54,15 @@ def draw_cells(axes: Axes, scene: Scene) -> None:
     axes.text(middle, bottom, "▲ robot", fontsize=6.5, color=FAINT, ha="center", va="bottom", zorder=6)
 
 
-def draw_lane(axes: Axes, scene: Scene, reach: Reach, cell: int, direction_deg: float, colour: str) -> None:
+def draw_corridor(axes: Axes, problem: Problem, cell: int, direction_deg: float, colour: str) -> None:
     """The strip from a cell towards the robot that the hand needs free, to the panel's lower edge."""
+    scene = problem.scene
     x, y = scene.layout.cells[cell]
     angle = math.atan2(-y, -x) + math.radians(direction_deg)
     ahead = (-math.sin(angle), math.cos(angle))
     aside = (ahead[1], -ahead[0])
     right, up = on_paper(scene, cell)
-    r, length = reach.clearance_m, 10 * max(x for x, _ in scene.layout.cells)
+    r, length = problem.reach.clearance_m, 10 * max(x for x, _ in scene.layout.cells)
     strip = [
         (right + s * r * aside[0] + t * ahead[0], up + s * r * aside[1] + t * ahead[1])
         for s, t in ((-1, 0), (-1, length), (1, length), (1, 0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,14 +26,14 @@ from dore.draw.board_art import (
     TARGET,
     draw_arrow,
     draw_cells,
-    draw_lane,
+    draw_corridor,
     draw_legend,
     extent,
     on_paper,
 )
 from dore.files import atomic_write
-from dore.world.plan import Move, Plan, Scene, cell_id, replay
-from dore.world.reach import Reach
+from dore.world.plan import Move, Plan, replay
+from dore.world.problem import Problem, Scene, cell_id
 
 MAX_WIDTH_INCH = 12.6
 GAP_INCH, TITLE_INCH, HEAD_INCH, FOOT_INCH = 0.25, 0.32, 0.42, 0.38
@@ -47,14 +47,18 @@ PANEL_LEGEND_INCH = (2.5, 0.42)
 class Panel:
     """A board and what happens on it next: a move, the target's retrieval, or nothing.
 
-    scene: where the objects stand before it. number: the move's, as written on its obstacle.
+    problem: where the objects stand before it, and the reach. number: the move's, as written on its obstacle.
     """
 
-    scene: Scene
-    reach: Reach
+    problem: Problem
     move: Move | None = None
     target_direction_deg: float | None = None
     number: int = 1
+
+    @property
+    def scene(self) -> Scene:
+        """Where the objects stand."""
+        return self.problem.scene
 
     @property
     def words(self) -> str:
@@ -65,18 +69,21 @@ class Panel:
         return f"{'retrieve' if found else 'no way found to'} {cell_id(self.scene.target)}"
 
 
-def panels_of(scene: Scene, reach: Reach, plan: Plan) -> tuple[Panel, ...]:
+def panels_of(problem: Problem, plan: Plan) -> tuple[Panel, ...]:
     """One panel a move, then one for the retrieval; where no way to the target was found, nothing happens on it.
 
     Raises:
         PlanError: the plan does not replay.
     """
-    boards = [Scene(scene.layout, tuple(sorted(board)), scene.target) for board in replay(scene, reach, plan)]
-    moves = [Panel(boards[i], reach, move, number=i + 1) for i, move in enumerate(plan.moves)]
-    return (*moves, Panel(boards[-1], reach, None, plan.target_direction_deg, len(moves) + 1))
+    boards = [
+        Problem(replace(problem.scene, obstacles=tuple(sorted(board))), problem.reach)
+        for board in replay(problem, plan)
+    ]
+    moves = [Panel(boards[i], move, number=i + 1) for i, move in enumerate(plan.moves)]
+    return (*moves, Panel(boards[-1], None, plan.target_direction_deg, len(moves) + 1))
 
 
-def draw_plan(scene: Scene, reach: Reach, plan: Plan, path: str | os.PathLike[str]) -> None:
+def draw_plan(problem: Problem, plan: Plan, path: str | os.PathLike[str]) -> None:
     """Write a PNG with one panel a move and one for the retrieval, in reading order.
 
     The robot stands below each panel and looks up: row 0 is at the bottom, its left is on the left. A lane is as
@@ -85,9 +92,9 @@ def draw_plan(scene: Scene, reach: Reach, plan: Plan, path: str | os.PathLike[st
     Raises:
         PlanError: the plan does not replay.
     """
-    panels = panels_of(scene, reach, plan)
-    left, right, bottom, top = extent(scene)
-    inch = CELL_INCH / scene.layout.cell_m
+    panels = panels_of(problem, plan)
+    left, right, bottom, top = extent(problem.scene)
+    inch = CELL_INCH / problem.scene.layout.cell_m
     width, height = (right - left) * inch, (top - bottom) * inch
     rows = math.ceil(len(panels) / max(1, int((MAX_WIDTH_INCH - GAP_INCH) / (width + GAP_INCH))))
     columns = math.ceil(len(panels) / rows)
@@ -139,14 +146,14 @@ def panel_pixels(
 
 def _draw_panel(axes: Axes, panel: Panel, colours: Mapping[int, ColorType]) -> None:
     """One board and what happens on it. colours: of the objects on these cells, in place of the usual ones."""
-    scene, reach, move = panel.scene, panel.reach, panel.move
+    problem, scene, move = panel.problem, panel.scene, panel.move
     axes.axis("off")
     draw_cells(axes, scene)
     if move is not None:
-        draw_lane(axes, scene, reach, move.place, move.place_direction_deg, PLACE_LANE)
-        draw_lane(axes, scene, reach, move.pick, move.pick_direction_deg, PICK_LANE)
+        draw_corridor(axes, problem, move.place, move.place_direction_deg, PLACE_LANE)
+        draw_corridor(axes, problem, move.pick, move.pick_direction_deg, PICK_LANE)
     if panel.target_direction_deg is not None:
-        draw_lane(axes, scene, reach, scene.target, panel.target_direction_deg, TARGET)
+        draw_corridor(axes, problem, scene.target, panel.target_direction_deg, TARGET)
     size = RADIUS * scene.layout.cell_m
     usual: dict[int, ColorType] = {**dict.fromkeys(scene.obstacles, OBSTACLE), scene.target: TARGET}
     for cell, colour in usual.items():

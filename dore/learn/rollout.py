@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from dore.world.generator import Batch
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure, legal_moves, transition
 

@@ -16,8 +16,8 @@ from dore.planners.base import Draft
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.visited_set import SeenBoards
 from dore.world.board import bit, count, unpack
-from dore.world.generator import Batch
 from dore.world.plan import Status
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import lift, pickable, placeable, retrievable
 

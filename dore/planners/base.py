@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from dore.world.board import bit, unpack
-from dore.world.generator import Batch
-from dore.world.instances import scenes_of
-from dore.world.plan import Move, Plan, PlanError, Status, cell_id, replay
+from dore.world.instances import problems_of
+from dore.world.plan import Move, Plan, PlanError, Status, replay
+from dore.world.problem import Batch, cell_id
 from dore.world.reach import Reach
 from dore.world.rules import lift
 
@@ -69,9 +69,8 @@ def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: 
         PlanError: a draft breaks a rule; names the planner, the instance's place in the batch, the move and why.
     """
     directions, retrieve = _directions(reach, start, drafts)
-    scenes = scenes_of(reach, start)
     plans = []
-    for row, (draft, scene) in enumerate(zip(drafts, scenes, strict=True)):
+    for row, (draft, problem) in enumerate(zip(drafts, problems_of(reach, start), strict=True)):
         moves = tuple(Move(*move, *degrees) for move, degrees in zip(draft.moves, directions[row], strict=True))
         plan = Plan(
             draft.status,
@@ -84,7 +83,7 @@ def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: 
             draft.reason,
         )
         try:
-            replay(scene, reach, plan)
+            replay(problem, plan)
         except PlanError as error:
             raise PlanError(f"{planner}, instance {row + 1}: {error}") from None
         plans.append(plan)

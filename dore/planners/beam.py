@@ -14,7 +14,7 @@ from torch import Tensor
 
 from dore.planners.visited_set import OutOfMemory, SeenBoards
 from dore.world.board import bit, unpack
-from dore.world.generator import Batch
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import lift, pickable, placeable
 

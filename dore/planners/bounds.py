@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dore.planners.visited_set import distinct
 from dore.world import board as boards
-from dore.world.generator import Batch
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 

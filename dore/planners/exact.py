@@ -7,8 +7,8 @@ from dore.planners.astar import Budget, Search
 from dore.planners.base import Draft, checked_plans, parts_of
 from dore.planners.bounds import DeleteRelaxation
 from dore.planners.visited_set import OutOfMemory
-from dore.world.generator import Batch
 from dore.world.plan import Plan
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 
 GROUP = 256

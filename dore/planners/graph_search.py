@@ -12,8 +12,8 @@ from torch import Tensor
 from dore.errors import number, whole
 from dore.planners.base import Draft, checked_plans
 from dore.world.board import bit
-from dore.world.generator import Batch
 from dore.world.plan import Plan, Status
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import lift, pickable, placeable, retrievable
 

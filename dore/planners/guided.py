@@ -13,8 +13,8 @@ from dore.planners.base import Draft, checked_plans, parts_of
 from dore.planners.beam import Beam
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
-from dore.world.generator import Batch
 from dore.world.plan import Plan, Status
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 

@@ -11,8 +11,8 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 
 from dore.learn import keys
 from dore.world.board import bit
-from dore.world.generator import Batch
 from dore.world.instances import FixedInstances, InstanceSet
+from dore.world.problem import Batch
 from dore.world.rules import lift, pickable, placeable
 
 CAPACITY = 2**18

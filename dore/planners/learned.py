@@ -12,9 +12,9 @@ from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.model import agent_of
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.planners.base import Draft, checked_plans
-from dore.world.generator import Batch
 from dore.world.layout import Layout
 from dore.world.plan import Plan, Status
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure
 

@@ -13,9 +13,9 @@ from torch import Tensor
 from dore.errors import InputError, flag, number, whole
 from dore.planners.base import Draft, checked_plans
 from dore.world import board as boards
-from dore.world.generator import Batch
 from dore.world.layout import Layout
-from dore.world.plan import Plan, Status, cell_id
+from dore.world.plan import Plan, Status
+from dore.world.problem import Batch, cell_id
 from dore.world.reach import Reach
 from dore.world.rules import legal_places, lift
 

@@ -19,9 +19,9 @@ from dore.planners.base import Draft, checked_plans
 from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned, draft_of
-from dore.world.generator import Batch
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, Status
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 
 NUM_ENVS = 512

@@ -15,10 +15,9 @@ from tqdm import tqdm
 from dore.errors import InputError, whole
 from dore.files import atomic_write
 from dore.planners.base import Planner
-from dore.world.generator import Batch
 from dore.world.instances import InstanceSet
-from dore.world.plan import Plan, PlanError, Scene, Status, replay
-from dore.world.reach import Reach
+from dore.world.plan import Plan, PlanError, Status, replay
+from dore.world.problem import Batch, Problem
 
 
 class Timing(StrEnum):
@@ -88,53 +87,53 @@ def rows_as_they_come(
     if len(set(names)) < len(names):
         raise InputError(f"planners: got {', '.join(names)}, want different names")
     step = 1 if timing is Timing.SINGLE else whole("batch_size", batch_size, 1)
-    scenes = list(instances)
-    _check_done(done, names, scenes, timing)
-    with tqdm(total=len(planners) * len(scenes), initial=len(done), unit="plan", disable=not progress) as bar:
+    problems = list(instances)
+    _check_done(done, names, problems, timing)
+    with tqdm(total=len(planners) * len(problems), initial=len(done), unit="plan", disable=not progress) as bar:
         for planner in planners:
             there = {row.instance for row in done if row.planner == planner.name}
-            if len(there) == len(scenes):
+            if len(there) == len(problems):
                 continue
             bar.set_description(planner.name)
             planner.plan(instances.batch(slice(0, 1)))
-            for number, scene, plan in _plans(planner, instances, scenes, step, there):
-                yield _row(planner.name, number, scene, instances.reach, plan, timing)
+            for number, problem, plan in _plans(planner, instances, problems, step, there):
+                yield _row(planner.name, number, problem, plan, timing)
                 bar.update()
 
 
-def _check_done(done: Sequence[Row], names: list[str], scenes: list[Scene], timing: Timing) -> None:
+def _check_done(done: Sequence[Row], names: list[str], problems: list[Problem], timing: Timing) -> None:
     """Refuse rows that these planners, instances and timing cannot have made."""
     for row in done:
-        known = row.planner in names and row.timing is timing and 1 <= row.instance <= len(scenes)
-        if not known or row.n_obstacles != len(scenes[row.instance - 1].obstacles):
+        known = row.planner in names and row.timing is timing and 1 <= row.instance <= len(problems)
+        if not known or row.n_obstacles != len(problems[row.instance - 1].scene.obstacles):
             raise InputError(f"rows: that of {row.planner} on instance {row.instance} is of another evaluation")
 
 
 def _plans(
-    planner: Planner, instances: InstanceSet, scenes: list[Scene], step: int, there: Container[int]
-) -> Iterator[tuple[int, Scene, Plan]]:
-    """The number, scene and plan of each instance but those that are there already."""
-    for first in range(0, len(scenes), step):
-        part = list(enumerate(scenes[first : first + step], first + 1))
+    planner: Planner, instances: InstanceSet, problems: list[Problem], step: int, there: Container[int]
+) -> Iterator[tuple[int, Problem, Plan]]:
+    """The number, problem and plan of each instance but those that are there already."""
+    for first in range(0, len(problems), step):
+        part = list(enumerate(problems[first : first + step], first + 1))
         if all(number in there for number, _ in part):
             continue
         batch: Batch = instances.batch(slice(first, first + step))
-        for (number, scene), plan in zip(part, planner.plan(batch), strict=True):
+        for (number, problem), plan in zip(part, planner.plan(batch), strict=True):
             if number not in there:
-                yield number, scene, plan
+                yield number, problem, plan
 
 
-def _row(planner: str, number: int, scene: Scene, reach: Reach, plan: Plan, timing: Timing) -> Row:
+def _row(planner: str, number: int, problem: Problem, plan: Plan, timing: Timing) -> Row:
     """The row of one plan, if it replays."""
     try:
-        replay(scene, reach, plan)
+        replay(problem, plan)
     except PlanError as error:
         raise PlanError(f"{planner}, instance {number}: {error}") from None
     return Row(
         planner=planner,
         instance=number,
-        n_cells=reach.n_cells,
-        n_obstacles=len(scene.obstacles),
+        n_cells=problem.reach.n_cells,
+        n_obstacles=len(problem.scene.obstacles),
         status=plan.status,
         reason=plan.reason,
         moves=len(plan.moves),

@@ -10,7 +10,8 @@ from typing import Any
 from dore.errors import InputError, number
 from dore.files import atomic_write
 from dore.world.layout import Layout
-from dore.world.plan import Move, Plan, PlanFile, Scene, Status, cell_id, replay
+from dore.world.plan import Move, Plan, PlanFile, Status, replay
+from dore.world.problem import Problem, Scene, cell_id
 from dore.world.reach import Reach
 
 SCENE_FORMAT = "dore-scene/1"
@@ -44,12 +45,12 @@ def read_plan(path: str | os.PathLike[str]) -> PlanFile:
     data = _read(path, (PLAN_FORMAT,))
     try:
         scene = _scene(data)
-        reach = _reach(scene.layout, data.get("reach"))
+        problem = Problem(scene, _reach(scene.layout, data.get("reach")))
         plan = _plan(data)
-        replay(scene, reach, plan)
+        replay(problem, plan)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    return PlanFile(scene, reach, plan)
+    return PlanFile(problem, plan)
 
 
 def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
@@ -58,7 +59,7 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
     Raises:
         PlanError: it does not.
     """
-    replay(file.scene, file.reach, file.plan)
+    replay(file.problem, file.plan)
     plan = file.plan
     fields: dict[str, Any] = {
         "format": PLAN_FORMAT,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from dore.errors import InputError, whole
 from dore.world.board import pack
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
 from dore.world.splits import SPLITS, split_share
@@ -18,13 +19,6 @@ CANDIDATES = 16384
 """Boards drawn at once."""
 PATIENCE = 20
 """So many draws without a new instance mean that there are no more."""
-
-
-class Batch(NamedTuple):
-    """Start boards Int64[B, W] and targets Int64[B]."""
-
-    board: Tensor
-    target: Tensor
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, seed_of, whole
-from dore.world.board import contains, count, pack, unpack
-from dore.world.generator import PATIENCE, Batch, Difficulty, FreshInstances, InstanceSource
-from dore.world.plan import Scene
+from dore.world.board import contains, count, unpack
+from dore.world.generator import PATIENCE, Difficulty, FreshInstances, InstanceSource
+from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
 from dore.world.tensor_files import read_tensors, write_tensors
@@ -20,22 +20,22 @@ from dore.world.tensor_files import read_tensors, write_tensors
 FORMAT = "dore-instances/1"
 
 
-def scenes_of(reach: Reach, batch: Batch) -> list[Scene]:
-    """The instances of a batch as scenes."""
+def problems_of(reach: Reach, batch: Batch) -> list[Problem]:
+    """The instances of a batch one by one."""
     return [
-        Scene(reach.layout, tuple(cell for cell, there in enumerate(row) if there), target)
+        Problem(Scene(reach.layout, tuple(cell for cell, taken in enumerate(row) if taken), target), reach)
         for row, target in zip(unpack(batch.board, reach.n_cells).tolist(), batch.target.tolist(), strict=True)
     ]
 
 
-def random_scene(reach: Reach, difficulty: Difficulty, seed: int) -> Scene:
+def random_problem(reach: Reach, difficulty: Difficulty, seed: int) -> Problem:
     """One instance of the test split.
 
     Raises:
         InputError: there are none.
     """
-    (scene,) = scenes_of(reach, FreshInstances(reach, difficulty, "test", seed).draw(1))
-    return scene
+    (problem,) = problems_of(reach, FreshInstances(reach, difficulty, "test", seed).draw(1))
+    return problem
 
 
 class InstanceSet:
@@ -74,8 +74,8 @@ class InstanceSet:
     def __len__(self) -> int:
         return len(self.target)
 
-    def __iter__(self) -> Iterator[Scene]:
-        return iter(scenes_of(self.reach, self.batch()))
+    def __iter__(self) -> Iterator[Problem]:
+        return iter(problems_of(self.reach, self.batch()))
 
     def first(self, n: int) -> InstanceSet:
         """The first `n` instances.
@@ -89,13 +89,6 @@ class InstanceSet:
     def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
         """The instances of those rows."""
         return Batch(self.board[rows], self.target[rows])
-
-    @classmethod
-    def of_scene(cls, reach: Reach, scene: Scene) -> Batch:
-        """A scene as a batch of one; its target may be accessible."""
-        occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool, device=reach.device)
-        occupied[0, list(scene.obstacles)] = True
-        return Batch(pack(occupied), torch.tensor([scene.target], device=reach.device))
 
     @classmethod
     def generate(cls, reach: Reach, n: int, difficulty: Difficulty, split: str, seed: int) -> InstanceSet:

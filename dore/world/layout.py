@@ -92,6 +92,19 @@ class Layout:
         nearest, cell = distance.min(-1)
         return cell if bool((nearest < 1e-6).all()) else None
 
+    def coincides(self, other: Layout) -> bool:
+        """Whether both have the same cells in the same order, to the nanometre to which files are rounded."""
+        if self == other:
+            return True
+        if self.n_cells != other.n_cells or not math.isclose(self.cell_m, other.cell_m, abs_tol=1e-9):
+            return False
+        return bool((self.centres - other.centres).abs().max() <= 1e-9)
+
+    def __str__(self) -> str:
+        """As messages name it."""
+        size = f"{self.n_cells} cells" if self.grid_shape is None else "{} x {} cells".format(*self.grid_shape)
+        return f"{size} of {self.cell_m:g} m from x = {self.front_m:g} m"
+
     def to_dict(self) -> dict[str, Any]:
         """The layout as the JSON files hold it."""
         if self.grid_shape is None:

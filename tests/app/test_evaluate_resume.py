@@ -25,9 +25,10 @@ from dore.report.evaluation import (
     rows_as_they_come,
     write_rows,
 )
-from dore.world.generator import Batch, Difficulty
+from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan
+from dore.world.problem import Batch
 from tests.commands import run
 from tests.drawings import wide_hand
 

@@ -14,9 +14,9 @@ from dore.draw.boards import DPI, Panel, draw_plan, panel_pixels, panels_of
 from dore.draw.curves import draw_learning_curve
 from dore.errors import InputError
 from dore.planners.base import Draft, checked_plans
-from dore.world.instances import InstanceSet
 from dore.world.layout import Layout
-from dore.world.plan import Move, PlanError, Scene, Status
+from dore.world.plan import Move, PlanError, Status
+from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from tests.drawings import scene_of
 
@@ -38,9 +38,9 @@ def size_of(path: Path) -> tuple[int, int]:
 
 def draw(path: Path, scene: Scene, moves: list[tuple[int, int]], status: Status) -> tuple[int, int]:
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
-    start = InstanceSet.of_scene(reach, scene)
+    start = Batch.of(Problem(scene, reach))
     (plan,) = checked_plans(reach, start, [Draft(moves, status, 0.0)], "test")
-    draw_plan(scene, reach, plan, path)
+    draw_plan(Problem(scene, reach), plan, path)
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     return size_of(path)
 
@@ -68,11 +68,11 @@ def test_an_irregular_layout_draws(tmp_path: Path) -> None:
 def test_a_plan_that_does_not_replay_is_not_drawn(tmp_path: Path) -> None:
     scene = scene_of(DRAWING)
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
-    start = InstanceSet.of_scene(reach, scene)
+    start = Batch.of(Problem(scene, reach))
     (plan,) = checked_plans(reach, start, [Draft([(scene.obstacles[1], 0)], Status.GAVE_UP, 0.0)], "test")
     elsewhere = Scene(scene.layout, (scene.obstacles[0],), scene.target)
     with pytest.raises(PlanError, match="move 1"):
-        draw_plan(elsewhere, reach, plan, tmp_path / "plan.png")
+        draw_plan(Problem(elsewhere, reach), plan, tmp_path / "plan.png")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -80,21 +80,22 @@ def test_panels_follow_the_boards_of_a_plan() -> None:
     scene = scene_of(DRAWING)
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
     near, behind = scene.obstacles[1], scene.obstacles[0]
-    start = InstanceSet.of_scene(reach, scene)
+    start = Batch.of(Problem(scene, reach))
     (plan,) = checked_plans(reach, start, [Draft([(near, 0), (behind, 1)], Status.SOLVED, 0.0)], "test")
-    panels = panels_of(scene, reach, plan)
+    panels = panels_of(Problem(scene, reach), plan)
     assert [panel.scene.obstacles for panel in panels] == [
         tuple(sorted(board)) for board in ((near, behind), (0, behind), (0, 1))
     ]
     assert [panel.number for panel in panels] == [1, 2, 3]
     target = scene.target + 1
     assert [panel.words for panel in panels] == [f"{near + 1} to 1", f"{behind + 1} to 2", f"retrieve {target}"]
-    assert Panel(scene, reach).words == f"no way found to {target}"
+    assert Panel(Problem(scene, reach)).words == f"no way found to {target}"
 
 
 @pytest.mark.parametrize("layout", [Layout.grid(3, 6, 0.12), Layout.grid(10, 10, 0.12), Layout(((0.5, 0.1),), 0.12)])
 def test_a_panel_is_as_wide_as_asked_and_no_taller(layout: Layout) -> None:
-    panel = Panel(Scene(layout, (), 0), Reach(layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30))
+    reach = Reach(layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
+    panel = Panel(Problem(Scene(layout, (), 0), reach))
     pixels = panel_pixels(panel, 384, 400, {})
     assert pixels.dtype == np.uint8
     assert pixels.shape[1:] == (384, 3)
@@ -110,7 +111,7 @@ def has(pixels: np.ndarray, colour: object) -> bool:
 def test_a_panel_shows_its_objects_in_the_colours_given() -> None:
     scene = scene_of(DRAWING)
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
-    panel = Panel(scene, reach, Move(scene.obstacles[1], 0, 0.0, 0.0))
+    panel = Panel(Problem(scene, reach), Move(scene.obstacles[1], 0, 0.0, 0.0))
     usual, blue = (panel_pixels(panel, 384, 400, colours) for colours in ({}, dict.fromkeys(scene.obstacles, "blue")))
     assert has(usual, OBSTACLE)
     assert not has(usual, "blue")

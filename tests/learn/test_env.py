@@ -10,9 +10,9 @@ from dore.errors import InputError
 from dore.learn import keys
 from dore.learn.env import RearrangeEnv, Rewards
 from dore.world.board import pack
-from dore.world.generator import Batch
 from dore.world.instances import FixedInstances, InstanceSet
 from dore.world.layout import Layout
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure, legal_places
 from tests.drawings import wide_hand

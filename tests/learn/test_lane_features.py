@@ -8,7 +8,8 @@ from dore.learn.features import encode, n_planes
 from dore.learn.lane_features import LEVELS, N_PLANES, NEVER, SPARE, lane_costs, lane_planes
 from dore.planners.bounds import fewest_blocking
 from dore.world.board import bit, pack, unpack
-from dore.world.generator import Batch, Difficulty, FreshInstances
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import placeable
 from tests.drawings import cells_of, scene_of, wide_hand

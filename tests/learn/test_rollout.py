@@ -7,8 +7,8 @@ import torch
 
 from dore.learn.rollout import greedy_rollout
 from dore.planners.base import Draft, checked_plans
-from dore.world.generator import Batch
 from dore.world.plan import Status
+from dore.world.problem import Batch
 from dore.world.rules import Failure
 from tests.drawings import wide_hand
 from tests.worlds import make_agent, make_env

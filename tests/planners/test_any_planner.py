@@ -21,10 +21,10 @@ from dore.planners.base import Planner
 from dore.planners.exact import Exact
 from dore.planners.graph_search import GraphSearch
 from dore.world.board import pack
-from dore.world.generator import Batch
-from dore.world.instances import scenes_of
+from dore.world.instances import problems_of
 from dore.world.layout import Layout
 from dore.world.plan import Plan, Status, replay
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 from tests.app.test_conf import compose, options
@@ -107,8 +107,8 @@ def check(planner: Planner, reach: Reach, batch: Batch, plans: list[Plan]) -> No
     """Every plan replays and says what it is; refusals are true."""
     accessible = retrievable(reach, *batch).tolist()
     refused = [row for row, plan in enumerate(plans) if plan.status is Status.UNSOLVABLE]
-    for scene, plan, is_open in zip(scenes_of(reach, batch), plans, accessible, strict=True):
-        boards = replay(scene, reach, plan)
+    for problem, plan, is_open in zip(problems_of(reach, batch), plans, accessible, strict=True):
+        boards = replay(problem, plan)
         assert plan.planner == planner.name
         assert len(boards) == len(plan.moves) + 1
         if is_open:

@@ -19,10 +19,11 @@ from dore.errors import InputError
 from dore.planners.exact import Exact
 from dore.planners.label import label
 from dore.world.board import pack
-from dore.world.generator import Batch, Difficulty
-from dore.world.instances import InstanceSet, scenes_of
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet, problems_of
 from dore.world.layout import Layout
 from dore.world.plan import Status, replay
+from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from tests.drawings import PUBLISHED, WIDE_HAND, scene_of, wide_hand
 from tests.enumeration import Board, Enumeration
@@ -56,12 +57,12 @@ def check_against_enumeration(reach: Reach, cases: list[tuple[Board, int]]) -> C
     """Same status, same optimum, same number of boards where all are exhausted; every plan replays."""
     batch, enumeration = batch_of(reach, cases), Enumeration(reach)
     plans = exact(reach).plan(batch)
-    for case, scene, plan in zip(cases, scenes_of(reach, batch), plans, strict=True):
+    for case, problem, plan in zip(cases, problems_of(reach, batch), plans, strict=True):
         fewest, boards_seen = enumeration.fewest_moves(*case)
         assert plan.optimal_moves == fewest, case
         assert plan.status is (Status.UNSOLVABLE if fewest is None else Status.SOLVED), case
         assert len(plan.moves) == (fewest or 0)
-        replay(scene, reach, plan)
+        replay(problem, plan)
         if plan.reason.startswith("all"):
             assert plan.reason == f"all {boards_seen} boards that can be reached are exhausted"
     return Counter(plan.status for plan in plans)
@@ -111,7 +112,7 @@ def test_an_accessible_target_needs_no_moves() -> None:
         o . . .
     """)
     reach = wide_hand(3, 4)
-    (plan,) = exact(reach).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = exact(reach).plan(Batch.of(Problem(scene, reach)))
     assert (plan.status, plan.moves, plan.optimal_moves, plan.expansions) == (Status.SOLVED, (), 0, 0)
 
 
@@ -122,7 +123,7 @@ def test_a_full_board_is_proved_unsolvable() -> None:
         o o o
     """)
     reach = wide_hand(3, 3)
-    (plan,) = exact(reach).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = exact(reach).plan(Batch.of(Problem(scene, reach)))
     assert plan.status is Status.UNSOLVABLE
     assert plan.reason == "all 1 boards that can be reached are exhausted"
     assert plan.optimal_moves is None
@@ -137,7 +138,7 @@ def test_what_the_arm_never_reaches_is_seen_at_once() -> None:
     reach = Reach(scene.layout, **WIDE_HAND, max_yaw_deg=5.0)  # type: ignore[arg-type]
     assert reach.lanes[scene.target].any()
     assert not reach.lanes[scene.obstacles[0]].any()
-    (plan,) = exact(reach).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = exact(reach).plan(Batch.of(Problem(scene, reach)))
     assert plan.status is Status.UNSOLVABLE
     assert plan.reason == "1 board seen: what blocks the target can never be reached"
 
@@ -154,8 +155,8 @@ def test_batch_equals_one_by_one(rows: int, cols: int, most: int, n: int) -> Non
     planner = exact(reach)
     together = planner.plan(instances.batch())
     decided = 0
-    for row, (scene, plan) in enumerate(zip(instances, together, strict=True)):
-        replay(scene, reach, plan)
+    for row, (problem, plan) in enumerate(zip(instances, together, strict=True)):
+        replay(problem, plan)
         (alone,) = planner.plan(instances.batch(slice(row, row + 1)))
         assert (alone.status, alone.optimal_moves, alone.reason) == (plan.status, plan.optimal_moves, plan.reason)
         decided += plan.status is not Status.GAVE_UP
@@ -230,8 +231,8 @@ def test_any_scene_gives_a_valid_plan_or_an_honest_refusal(data: st.DataObject) 
     reach = wide_hand(rows, cols)
     batch = batch_of(reach, [(frozenset(obstacles), target)])
     (plan,) = exact(reach, max_nodes=2000).plan(batch)
-    (scene,) = scenes_of(reach, batch)
-    replay(scene, reach, plan)
+    (problem,) = problems_of(reach, batch)
+    replay(problem, plan)
     assert (plan.status is Status.SOLVED) == (plan.optimal_moves is not None) == (plan.reason == "")
 
 

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from dore.errors import InputError
 from dore.planners.exact import Exact
 from dore.planners.graph_search import GraphSearch
-from dore.world.generator import Batch, Difficulty
-from dore.world.instances import InstanceSet, scenes_of
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet, problems_of
 from dore.world.layout import Layout
 from dore.world.plan import Status, replay
+from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
 from tests.enumeration import Enumeration
@@ -38,12 +39,12 @@ def test_every_board_of_a_small_layout(rows: int, cols: int, preset: dict[str, f
     cases = every_board(rows * cols)[::every]
     batch = batch_of(reach, cases)
     plans = graph_search(reach).plan(batch)
-    for case, scene, plan in zip(cases, scenes_of(reach, batch), plans, strict=True):
+    for case, problem, plan in zip(cases, problems_of(reach, batch), plans, strict=True):
         fewest, boards_seen = enumeration.fewest_moves(*case)
         assert plan.optimal_moves == fewest, case
         assert plan.status is (Status.UNSOLVABLE if fewest is None else Status.SOLVED)
         assert plan.reason in ("", f"all {boards_seen} boards that can be reached are exhausted")
-        assert len(replay(scene, reach, plan)) == (fewest or 0) + 1
+        assert len(replay(problem, plan)) == (fewest or 0) + 1
 
 
 @pytest.mark.parametrize(
@@ -55,8 +56,8 @@ def test_agrees_with_the_proved_optimum(rows: int, cols: int, least: int, most: 
     plans = graph_search(reach, max_nodes=5000).plan(instances.batch())
     proved = Exact(reach, 1_000_000, 60.0, 512.0).plan(instances.batch())
     decided = 0
-    for scene, plan, best in zip(instances, plans, proved, strict=True):
-        replay(scene, reach, plan)
+    for problem, plan, best in zip(instances, plans, proved, strict=True):
+        replay(problem, plan)
         if plan.status is not Status.GAVE_UP:
             assert (plan.status, len(plan.moves)) == (best.status, len(best.moves))
             decided += 1
@@ -71,7 +72,7 @@ def test_branches_on_the_pick_and_then_on_the_place() -> None:
     """
     scene = scene_of(drawing)
     reach = wide_hand(3, 3)
-    (plan,) = graph_search(reach).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = graph_search(reach).plan(Batch.of(Problem(scene, reach)))
     (move,) = plan.moves
     assert move.pick == cells_of(drawing, "o")[0]
     assert plan.expansions == 1
@@ -80,7 +81,7 @@ def test_branches_on_the_pick_and_then_on_the_place() -> None:
 def test_an_accessible_target_needs_no_moves() -> None:
     scene = scene_of("T . .\n. . .")
     reach = wide_hand(2, 3)
-    (plan,) = graph_search(reach, max_nodes=1).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = graph_search(reach, max_nodes=1).plan(Batch.of(Problem(scene, reach)))
     assert (plan.status, plan.moves, plan.optimal_moves, plan.expansions) == (Status.SOLVED, (), 0, 0)
 
 
@@ -122,6 +123,6 @@ def test_any_scene_gives_a_valid_plan_or_an_honest_refusal(data: st.DataObject) 
     reach = wide_hand(rows, cols)
     batch = batch_of(reach, [(frozenset(obstacles), target)])
     (plan,) = graph_search(reach, max_nodes=300).plan(batch)
-    (scene,) = scenes_of(reach, batch)
-    replay(scene, reach, plan)
+    (problem,) = problems_of(reach, batch)
+    replay(problem, plan)
     assert (plan.status is Status.SOLVED) == (plan.optimal_moves is not None) == (plan.reason == "")

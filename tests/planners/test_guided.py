@@ -12,9 +12,10 @@ from dore.learn.checkpoint import SHIPPED, save_model
 from dore.planners.exact import Exact
 from dore.planners.guided import Guided
 from dore.planners.learned import Learned
-from dore.world.generator import Batch, Difficulty, FreshInstances
-from dore.world.instances import InstanceSet, scenes_of
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.instances import problems_of
 from dore.world.plan import Status, replay
+from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from tests.drawings import scene_of, wide_hand
 from tests.planners.test_exact import batch_of
@@ -90,7 +91,7 @@ def test_a_batch_is_its_rows_one_by_one():
 def test_an_accessible_target_needs_no_moves():
     scene = scene_of("T . .\n. . .")
     reach = wide_hand(2, 3)
-    (plan,) = guided(reach).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = guided(reach).plan(Batch.of(Problem(scene, reach)))
     assert (plan.status, plan.moves, plan.optimal_moves, plan.expansions) == (Status.SOLVED, (), 0, 0)
 
 
@@ -132,6 +133,6 @@ def test_any_scene_gives_a_valid_plan_or_an_honest_refusal(data):
     reach = wide_hand(rows, cols)
     batch = batch_of(reach, [(frozenset(obstacles), target)])
     (plan,) = guided(reach, max_nodes=3000, max_seconds=2.0).plan(batch)
-    (scene,) = scenes_of(reach, batch)
-    replay(scene, reach, plan)
+    (problem,) = problems_of(reach, batch)
+    replay(problem, plan)
     assert (plan.reason == "") == (plan.status is Status.SOLVED)

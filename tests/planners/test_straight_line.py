@@ -11,10 +11,11 @@ import yaml
 from dore.errors import InputError
 from dore.planners.base import Draft, checked_plans
 from dore.planners.straight_line import GiveUp, StraightLine
-from dore.world.generator import Batch, Difficulty
+from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.layout import Layout
-from dore.world.plan import PlanError, Scene, Status, replay
+from dore.world.plan import PlanError, Status, replay
+from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
@@ -30,7 +31,7 @@ def moves_of(drawing: str, reach: dict[str, float], **keys: object) -> list[tupl
     """What the baseline does on a drawing that it solves."""
     scene = scene_of(drawing)
     there = Reach(scene.layout, **reach)  # type: ignore[arg-type]
-    (plan,) = baseline(there, **keys).plan(InstanceSet.of_scene(there, scene))
+    (plan,) = baseline(there, **keys).plan(Batch.of(Problem(scene, there)))
     assert plan.status is Status.SOLVED
     assert plan.reason == ""
     return [(move.pick, move.place) for move in plan.moves]
@@ -124,14 +125,14 @@ def test_plans_replay_and_end_with_a_clear_corridor_or_stuck(rows: int, cols: in
     instances = InstanceSet.generate(reach, 60, Difficulty(3, most), "test", seed=rows)
     planner = baseline(reach, avoid_corridors=avoid)
     solved = 0
-    for scene, plan in zip(instances, planner.plan(instances.batch()), strict=True):
-        boards = replay(scene, reach, plan)
+    for problem, plan in zip(instances, planner.plan(instances.batch()), strict=True):
+        boards = replay(problem, plan)
         assert len(plan.moves) <= 30
         assert (plan.status is Status.SOLVED) == (plan.reason == "")
         if plan.status is Status.SOLVED:
-            solved += boards[-1].isdisjoint(planner.corridors[scene.target])
+            solved += boards[-1].isdisjoint(planner.corridors[problem.scene.target])
         else:
-            alone = InstanceSet.of_scene(reach, Scene(reach.layout, tuple(boards[-1]), scene.target))
+            alone = Batch.of(Problem(Scene(reach.layout, tuple(boards[-1]), problem.scene.target), reach))
             assert not retrievable(reach, *alone)
     assert solved > 20
 
@@ -190,7 +191,7 @@ BLOCKED = """
 def test_a_draft_that_breaks_a_rule_is_refused_by_name(moves: list[tuple[int, int]], status: Status, why: str) -> None:
     scene = scene_of(BLOCKED)
     reach = Reach(scene.layout, **PUBLISHED)  # type: ignore[arg-type]
-    one = InstanceSet.of_scene(reach, scene)
+    one = Batch.of(Problem(scene, reach))
     batch = Batch(torch.cat([one.board, one.board]), torch.cat([one.target, one.target]))
     good = Draft([(7, 0)], Status.SOLVED, 0.0)
     with pytest.raises(PlanError, match=f"instance 2: {why}"):
@@ -201,7 +202,7 @@ def test_directions_are_those_of_reach() -> None:
     scene = scene_of(BLOCKED)
     reach = Reach(scene.layout, **PUBLISHED)  # type: ignore[arg-type]
     draft = Draft([(7, 1)], Status.GAVE_UP, 0.5, expansions=3, reason="why")
-    (plan,) = checked_plans(reach, InstanceSet.of_scene(reach, scene), [draft], "p")
+    (plan,) = checked_plans(reach, Batch.of(Problem(scene, reach)), [draft], "p")
     lifted = torch.zeros(1, 12, dtype=torch.bool)
     lifted[0, 10] = True
     (move,) = plan.moves

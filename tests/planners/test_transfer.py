@@ -15,6 +15,7 @@ from dore.planners.transfer import Transfer
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.instances import InstanceSet
 from dore.world.plan import Status
+from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 from tests.commands import TINY, run
@@ -86,7 +87,7 @@ def test_what_is_locked_is_refused_at_once():
         o . . . .
     """)
     reach = Reach(scene.layout, **WIDE_HAND, max_yaw_deg=5.0)
-    (plan,) = Transfer(reach, None, **KEYS).plan(InstanceSet.of_scene(reach, scene))
+    (plan,) = Transfer(reach, None, **KEYS).plan(Batch.of(Problem(scene, reach)))
     assert (plan.status, plan.reason, plan.moves) == (Status.UNSOLVABLE, LOCKED, ())
     assert plan.planning_s < 5
 
@@ -102,7 +103,7 @@ def test_what_is_locked_is_refused_at_once():
 def test_what_is_exhausted_is_proved_unsolvable(drawing):
     scene = scene_of(drawing.replace("/", "\n"))
     reach = Reach(scene.layout, **WIDE_HAND)
-    batch = InstanceSet.of_scene(reach, scene)
+    batch = Batch.of(Problem(scene, reach))
     (proved,) = Exact(reach, 1_000_000, 60.0, 512.0).plan(batch)
     assert proved.status is Status.UNSOLVABLE
     (plan,) = Transfer(reach, None, **KEYS).plan(batch)

@@ -10,9 +10,10 @@ import pytest
 from dore.errors import InputError
 from dore.planners.straight_line import StraightLine
 from dore.report.evaluation import Timing, evaluate, read_rows, write_rows
-from dore.world.generator import Batch, Difficulty
+from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, PlanError, Status
+from dore.world.problem import Batch
 from tests.drawings import wide_hand
 
 REACH = wide_hand(4, 5)
@@ -48,9 +49,9 @@ def test_one_row_an_instance_and_planner() -> None:
     rows = evaluate([baseline("a"), baseline("b")], INSTANCES, progress=False)
     assert [(row.planner, row.instance) for row in rows] == [(p, n) for p in "ab" for n in range(1, 26)]
     plans = baseline().plan(INSTANCES.batch())
-    for row, plan, scene in zip(rows, plans, INSTANCES, strict=False):
+    for row, plan, problem in zip(rows, plans, INSTANCES, strict=False):
         assert (row.status, row.reason, row.moves) == (plan.status, plan.reason, len(plan.moves))
-        assert (row.n_cells, row.n_obstacles) == (20, len(scene.obstacles))
+        assert (row.n_cells, row.n_obstacles) == (20, len(problem.scene.obstacles))
         assert row.planning_s > 0
 
 

@@ -41,7 +41,7 @@ def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
         assert mistake.optimum == board.optimum - (mistake.number - 1)
         assert mistake.after is None or mistake.after >= mistake.optimum
         assert (mistake.best.pick, mistake.best.place) != (mistake.move.pick, mistake.move.place)
-        assert mistake.move.pick in mistake.scene.obstacles
+        assert mistake.move.pick in mistake.problem.scene.obstacles
         if mistake.number == 1:
             assert mistake.now == board.now
     assert all(board.mistake is None for board in column.boards if not board.ending)

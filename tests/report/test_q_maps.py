@@ -7,7 +7,7 @@ import pytest
 from dore.app import build
 from dore.errors import InputError
 from dore.learn.checkpoint import SHIPPED
-from dore.world.instances import InstanceSet
+from dore.world.problem import Batch, Problem
 from scripts import q_maps
 from scripts.planner_timing import composed
 from scripts.q_maps import BOARDS, Wanted, main, maps_of
@@ -21,7 +21,7 @@ def test_the_choices_are_the_policys_first_move():
     cfg = composed(["layout=3x6", "reach=wide_hand", "planner=[learned,exact]"])
     reach = build.reach_of(cfg, "cpu")
     learned, exact = (
-        planner.plan(InstanceSet.of_scene(reach, pick.scene))[0] for planner in build.planners_of(cfg, reach)
+        planner.plan(Batch.of(Problem(pick.scene, reach)))[0] for planner in build.planners_of(cfg, reach)
     )
     assert (pick.choice, place.choice) == (learned.moves[0].pick, learned.moves[0].place)
     assert len(exact.moves) == SMALL.optimum

@@ -22,6 +22,7 @@ from dore.sim.scene.jaco import jaco
 from dore.sim.scene.urdf import arm_files
 from dore.world.layout import Layout
 from dore.world.plan import Move, Plan, PlanFile, Scene, Status, replay
+from dore.world.problem import Problem
 from scripts.measure_reach import Surveyor, survey
 from tests.jaco_urdf import jaco_urdf
 
@@ -106,9 +107,9 @@ PLANS = {
 def test_a_short_plan_is_carried_out(name, places, tmp_path):
     (scene, moves), place = PLANS[name], places[name]
     reach, plan = arm_reach(place.arm, place.objects, scene.layout), Plan(Status.SOLVED, moves, 0.0, "test", 0.0)
-    replay(scene, reach, plan)
+    replay(Problem(scene, reach), plan)
     stage = Stage(place.arm, place.objects, preset("camera/corner"), seed=0, film=False)
-    report = execute(PlanFile(scene, reach, plan), stage, tmp_path)
+    report = execute(PlanFile(Problem(scene, reach), plan), stage, tmp_path)
     assert report.success, report.message
     for move in report.moves:
         assert move.others_moved_mm < 1.0

@@ -37,9 +37,9 @@ from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera_config import EyeConfig
 from dore.sim.vision.scene_estimate import Sighting
 from dore.sim.vision.seen import confirm
-from dore.world.instances import InstanceSet
 from dore.world.layout import Layout
 from dore.world.plan import Scene
+from dore.world.problem import Batch, Problem
 from tests.app.test_conf import compose
 from tests.commands import run
 
@@ -72,7 +72,7 @@ class TrueEye:
 def loop_with(disturbance: Any, limits: Limits = LIMITS) -> Loop:
     reach = reach_of(compose("execute", []), "cpu", LAYOUT)
     planner = Exact(reach, max_nodes=10_000, max_seconds=20.0, max_memory_mb=256)
-    plan = lambda scene: planner.plan(InstanceSet.of_scene(reach, scene))[0]  # noqa: E731
+    plan = lambda scene: planner.plan(Batch.of(Problem(scene, reach)))[0]  # noqa: E731
     return Loop("exact", plan, reach, preset("eye/kinect"), disturbance, limits)
 
 

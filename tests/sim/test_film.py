@@ -21,12 +21,13 @@ from dore.sim.scene.scene_builder import OBSTACLES, TARGET
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.layout import Layout
 from dore.world.plan import Move, Scene
+from dore.world.problem import Problem
 from dore.world.reach import Reach
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 REACH = Reach(LAYOUT, clearance_m=0.10, half_fan_deg=30.0, n_sectors=61)
 SCENE = Scene(LAYOUT, obstacles=(2, 8), target=14)
-MOVE = Panel(SCENE, REACH, Move(2, 11, 0.0, 0.0))
+MOVE = Panel(Problem(SCENE, REACH), Move(2, 11, 0.0, 0.0))
 STEP_S, RATE = 0.05, 10.0
 CAMERA = replace(preset("camera/corner"), width_px=160, height_px=120, frames_per_s=RATE, playback_speed=1.0)
 
@@ -76,7 +77,7 @@ def test_only_what_is_new_is_drawn_again():
     assert (first[:480] == second[:480]).all()
     assert (first[480:] != second[480:]).any()
     assert (page.frame(picture, "move 1", "simulated 1 s") == first).all()
-    page.show_board(Panel(SCENE, REACH), {})
+    page.show_board(Panel(Problem(SCENE, REACH)), {})
     assert (page.frame(picture, "move 1", "simulated 1 s")[:480, 640:] != first[:480, 640:]).any()
 
 
@@ -199,7 +200,7 @@ def test_the_arm_is_filmed_where_vulkan_is(tmp_path):
     env.reset(seed=0, options={"cells": [14, 2, 8]})
     with Video(env, tmp_path / "execution.mp4", STEP_S, on=True) as video:
         assert set(video._colours(SCENE)) == {2, 8, 14}
-        video.tell("the camera sees 3 objects", Panel(SCENE, REACH), still="look")
+        video.tell("the camera sees 3 objects", Panel(Problem(SCENE, REACH)), still="look")
     env.close()
     still = imageio.imread(tmp_path / "look.png")
     assert still[:120, :160].std() > 10  # a picture, not a blank

@@ -24,6 +24,7 @@ from dore.sim.run.setup import REPORT_NAME, VIDEO_NAME, Stage
 from dore.sim.scene.agent import render_backend
 from dore.world.layout import Layout
 from dore.world.plan import Move, Plan, PlanFile, Scene, Status, replay
+from dore.world.problem import Problem
 from dore.world.reach import Reach
 
 pytestmark = pytest.mark.sim
@@ -42,7 +43,8 @@ def stage(**changes: Any) -> Stage:
 
 
 def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
-    return PlanFile(scene, REACH, Plan(Status.SOLVED, moves, target_direction_deg, "test", 0.0))
+    reach = Reach(scene.layout, **REACH.to_dict())
+    return PlanFile(Problem(scene, reach), Plan(Status.SOLVED, moves, target_direction_deg, "test", 0.0))
 
 
 FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0.0, 0.0))
@@ -58,7 +60,7 @@ def fig7(tmp_path_factory) -> dict[str, Any]:
 
 
 def test_fig7_ends_with_the_target_out_and_all_upright(fig7):
-    replay(FIG7_PLAN.scene, REACH, FIG7_PLAN.plan)
+    replay(FIG7_PLAN.problem, FIG7_PLAN.plan)
     assert fig7["success"]
     assert fig7["outcome"] == "done"
     named = ("target_lifted", "target_out", "all_upright", "all_in_cell", "success")
@@ -119,13 +121,13 @@ def test_what_the_arm_cannot_reach_is_refused():
 
 def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(tmp_path):
     far = Layout.grid(6, 3, 0.12, 0.50)
-    plan = PlanFile(Scene(far, (), 4), Reach(far, 0.10, 30.0, 61), Plan(Status.SOLVED, (), 0.0, "test", 0.0))
+    plan = PlanFile(Problem(Scene(far, (), 4), Reach(far, 0.10, 30.0, 61)), Plan(Status.SOLVED, (), 0.0, "test", 0.0))
     report = execute(plan, stage(), tmp_path / "far")
     assert report.refused
     assert report.outcome is Outcome.OUT_OF_REACH
     assert re.fullmatch(r"refused: the layout: cells (\d+, )*17(, \d+)* are out of the arm's reach", report.message)
     other = Reach(LAYOUT, 0.08, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
-    report = execute(replace(FIG7_PLAN, reach=other), stage(), tmp_path / "other")
+    report = execute(PlanFile(Problem(FIG7, other), FIG7_PLAN.plan), stage(), tmp_path / "other")
     assert report.refused
     assert report.outcome is Outcome.OTHER_REACH
     assert "made for another reach: " in report.message
@@ -134,7 +136,7 @@ def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(
 
 def test_an_unsolved_plan_is_refused_and_low_objects_are_bad_input(tmp_path):
     plan = Plan(Status.GAVE_UP, (), None, "test", 0.0, reason="node budget")
-    report = execute(PlanFile(FIG7, REACH, plan), stage(), tmp_path)
+    report = execute(PlanFile(Problem(FIG7, REACH), plan), stage(), tmp_path)
     assert report.refused
     assert report.outcome is Outcome.NO_PLAN
     assert report.message == "refused: test: gave_up (node budget)"

@@ -16,12 +16,13 @@ from dore.files import atomic_write
 from dore.world import files as plan_files
 from dore.world.files import read_plan, read_scene, write_plan, write_scene
 from dore.world.layout import Layout
-from dore.world.plan import Plan, PlanError, PlanFile, Scene, Status
+from dore.world.plan import Plan, PlanError, PlanFile, Status
+from dore.world.problem import Problem, Scene
 from dore.world.reach import Reach
 from tests.drawings import PUBLISHED
 from tests.world.test_plan import FIG_7, FIG_7_PLAN, REACH
 
-FILE = PlanFile(FIG_7, REACH, FIG_7_PLAN)
+FILE = PlanFile(Problem(FIG_7, REACH), FIG_7_PLAN)
 
 
 @pytest.fixture
@@ -57,7 +58,7 @@ def test_plans_without_a_solution_and_irregular_layouts_come_back(tmp_path: Path
     layout = Layout(((0.5, 0.1), (0.5, -0.1), (0.68, 0.02)), 0.12)
     reach = Reach(layout, 0.1, 20.0, 10, staging_m=0.1, lateral_limit_m=0.3, max_yaw_deg=40.0)
     plan = Plan(status, (), None, "exact", 1.25, optimal_moves=None)
-    write_plan(tmp_path / "plan.json", PlanFile(Scene(layout, (0,), 2), reach, plan))
+    write_plan(tmp_path / "plan.json", PlanFile(Problem(Scene(layout, (0,), 2), reach), plan))
     back = read_plan(tmp_path / "plan.json")
     assert back.plan == plan
     assert back.reach.to_dict() == reach.to_dict()
@@ -110,7 +111,7 @@ Change = Callable[[dict[str, Any]], object]
         (lambda d: d.update(target_direction_deg=[]), "plan.target_direction_deg: got"),
         (lambda d: d.update(planning_s="long"), "plan.planning_s: got 'long'"),
         (lambda d: d.update(optimal_moves="few"), "plan.optimal_moves: got 'few'"),
-        (lambda d: d["moves"].pop(), "target lane at .* is blocked by the object on cell 9"),
+        (lambda d: d["moves"].pop(), "target corridor at .* is blocked by the object on cell 9"),
         (lambda d: d["moves"].reverse(), r"move 1 \(9 to 17\)"),
         (lambda d: d["moves"][1].update(pick=4), r"move 2 \(4 to 12\): no obstacle on cell 4"),
         (lambda d: d["moves"][1].update(place=19), r"move 2 \(3 to 19\): place id 19, want 1 to 18"),
@@ -154,8 +155,8 @@ def test_a_file_that_is_not_there_is_one_line(tmp_path: Path) -> None:
 def test_a_plan_that_does_not_replay_is_not_written(path: Path) -> None:
     before = path.read_bytes()
     cut = Plan(Status.SOLVED, FIG_7_PLAN.moves[:2], FIG_7_PLAN.target_direction_deg, "test", 0.0)
-    with pytest.raises(PlanError, match=r"^target lane"):
-        write_plan(path, PlanFile(FIG_7, REACH, cut))
+    with pytest.raises(PlanError, match=r"^target corridor"):
+        write_plan(path, PlanFile(Problem(FIG_7, REACH), cut))
     assert path.read_bytes() == before
 
 

@@ -13,6 +13,7 @@ from dore.world.board import count, pack, unpack
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.instances import FixedInstances, InstanceSet
 from dore.world.layout import Layout
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
 from dore.world.splits import SPLITS, split_share
@@ -39,10 +40,10 @@ def test_a_seed_makes_one_set_of_different_blocked_instances(reach: Reach) -> No
     assert not bool(occupied.gather(-1, instances.target[:, None]).any())
 
 
-def test_a_set_of_scenes() -> None:
+def test_a_set_holds_problems() -> None:
     instances = InstanceSet.generate(REACH, 20, SOME, "test", seed=0)
-    for number, scene in enumerate(instances):
-        batch = InstanceSet.of_scene(REACH, scene)
+    for number, problem in enumerate(instances):
+        batch = Batch.of(problem)
         assert torch.equal(batch.board, instances.board[number : number + 1])
         assert torch.equal(batch.target, instances.target[number : number + 1])
 

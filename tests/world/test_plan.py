@@ -10,7 +10,8 @@ import torch
 from dore.errors import InputError
 from dore.world.board import bit, pack, unpack
 from dore.world.layout import Layout
-from dore.world.plan import Move, Plan, PlanError, Scene, Status, replay
+from dore.world.plan import Move, Plan, PlanError, Status, replay
+from dore.world.problem import Problem, Scene
 from dore.world.reach import Reach
 from dore.world.rules import Failure, lift, retrievable, transition
 from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
@@ -43,7 +44,7 @@ FIG_7_PLAN = directed(REACH, FIG_7, [(15, 17), (2, 11), (8, 16)])
 
 
 def test_the_papers_plan_replays() -> None:
-    boards = replay(FIG_7, REACH, FIG_7_PLAN)
+    boards = replay(Problem(FIG_7, REACH), FIG_7_PLAN)
     assert boards == [
         {15, 2, 8, 6, 12, 0},
         {17, 2, 8, 6, 12, 0},
@@ -54,7 +55,7 @@ def test_the_papers_plan_replays() -> None:
 
 def test_a_plan_without_moves_replays_where_the_target_is_free() -> None:
     scene = Scene(FIG_7.layout, (0,), 14)
-    assert replay(scene, REACH, directed(REACH, scene, [])) == [{0}]
+    assert replay(Problem(scene, REACH), directed(REACH, scene, [])) == [{0}]
 
 
 def altered(number: int, **changes: float) -> Plan:
@@ -81,18 +82,21 @@ def altered(number: int, **changes: float) -> Plan:
         (altered(1, pick_direction_deg=31.0), r"move 1 \(16 to 18\): pick direction 31 deg, want within \+-30"),
         (altered(1, pick_direction_deg=float("nan")), r"move 1 \(16 to 18\): pick direction nan"),
         (altered(2, place_direction_deg=-40.0), r"move 2 \(3 to 12\): place direction -40 deg"),
-        (altered(1, pick_direction_deg=-20.0), r"move 1 .*: pick lane at -20 deg is blocked by the object on cell 3"),
-        (altered(1, place=13), r"move 1 .*: place lane at .* deg is blocked by the object on cell"),
+        (
+            altered(1, pick_direction_deg=-20.0),
+            r"move 1 .*: pick corridor at -20 deg is blocked by the object on cell 3",
+        ),
+        (altered(1, place=13), r"move 1 .*: place corridor at .* deg is blocked by the object on cell"),
         (
             dataclasses.replace(FIG_7_PLAN, moves=FIG_7_PLAN.moves[:2]),
-            "^target lane at .* deg is blocked by .* cell 9$",
+            "^target corridor at .* deg is blocked by .* cell 9$",
         ),
         (dataclasses.replace(FIG_7_PLAN, target_direction_deg=-31.0), "^target direction -31 deg"),
     ],
 )
 def test_a_bad_plan_is_refused_with_the_move_and_the_reason(plan: Plan, why: str) -> None:
     with pytest.raises(PlanError, match=why) as error:
-        replay(FIG_7, REACH, plan)
+        replay(Problem(FIG_7, REACH), plan)
     assert "\n" not in str(error.value)
 
 
@@ -100,30 +104,30 @@ def test_going_back_to_any_earlier_board_is_refused() -> None:
     scene = Scene(FIG_7.layout, (0,), 14)
     for loop in ([(0, 1), (1, 0)], [(0, 1), (1, 2), (2, 1)]):
         with pytest.raises(PlanError, match=f"move {len(loop)} .*: goes back to an earlier board"):
-            replay(scene, REACH, directed(REACH, scene, loop, Status.GAVE_UP))
+            replay(Problem(scene, REACH), directed(REACH, scene, loop, Status.GAVE_UP))
 
 
-def test_the_target_blocks_lanes() -> None:
+def test_the_target_blocks_corridors() -> None:
     scene = scene_of("""
         o . .
         T . .
         . . .
     """)
     reach = Reach(scene.layout, clearance_m=0.11, half_fan_deg=5.0, n_sectors=11)
-    with pytest.raises(PlanError, match=r"pick lane .* blocked by the object on cell 4"):
-        replay(scene, reach, directed(reach, scene, [(6, 2)], Status.GAVE_UP))
+    with pytest.raises(PlanError, match=r"pick corridor .* blocked by the object on cell 4"):
+        replay(Problem(scene, reach), directed(reach, scene, [(6, 2)], Status.GAVE_UP))
 
 
-def test_lanes_that_the_arm_cannot_follow_are_refused() -> None:
+def test_corridors_that_the_arm_cannot_follow_are_refused() -> None:
     scene = Scene(FIG_7.layout, (0,), 14)
     yaw = Reach(FIG_7.layout, **PUBLISHED, max_yaw_deg=10.0)  # type: ignore[arg-type]
     lateral = Reach(FIG_7.layout, **PUBLISHED, staging_m=0.1, lateral_limit_m=0.1)  # type: ignore[arg-type]
     plan = Plan(Status.GAVE_UP, (Move(0, 3, 0.0, 0.0),), None, "test", 0.0)
-    replay(scene, REACH, plan)
-    with pytest.raises(PlanError, match=r"move 1 \(1 to 4\): pick lane heads 25.5 deg, want within \+-10"):
-        replay(scene, yaw, plan)
-    with pytest.raises(PlanError, match=r"pick lane crosses the staging line at y = 0.224 m, want within \+-0.1"):
-        replay(scene, lateral, plan)
+    replay(Problem(scene, REACH), plan)
+    with pytest.raises(PlanError, match=r"move 1 \(1 to 4\): pick corridor heads 25.5 deg, want within \+-10"):
+        replay(Problem(scene, yaw), plan)
+    with pytest.raises(PlanError, match=r"pick corridor crosses the staging line at y = 0.224 m, want within \+-0.1"):
+        replay(Problem(scene, lateral), plan)
 
 
 @pytest.mark.parametrize(
@@ -151,17 +155,17 @@ def test_the_replay_agrees_with_the_rules(reach: Reach) -> None:
         scene = Scene(reach.layout, tuple(occupied[row].nonzero().squeeze(-1).tolist()), int(target[row]))
         move = [(int(pick[row]), int(place[row]))]
         if int(outcome.failure[row]) == Failure.NONE:
-            boards = replay(scene, reach, directed(reach, scene, move, Status.GAVE_UP))
+            boards = replay(Problem(scene, reach), directed(reach, scene, move, Status.GAVE_UP))
             assert boards[-1] == set(unpack(outcome.board[row], g).nonzero().squeeze(-1).tolist())
             solved = directed(reach, scene, move)
             if bool(free[row]):
-                replay(scene, reach, solved)
+                replay(Problem(scene, reach), solved)
             else:
                 with pytest.raises(PlanError, match=r"^target"):
-                    replay(scene, reach, solved)
+                    replay(Problem(scene, reach), solved)
         else:
             with pytest.raises(PlanError, match=r"^move 1 "):
-                replay(scene, reach, directed(reach, scene, move, Status.GAVE_UP))
+                replay(Problem(scene, reach), directed(reach, scene, move, Status.GAVE_UP))
 
 
 def test_every_sector_of_the_table_replays_or_not_alike() -> None:
@@ -179,10 +183,10 @@ def test_every_sector_of_the_table_replays_or_not_alike() -> None:
             plan = Plan(Status.SOLVED, (), degrees, "test", 0.0)
             seen[free] += 1
             if free:
-                replay(scene, reach, plan)
+                replay(Problem(scene, reach), plan)
             else:
-                with pytest.raises(PlanError, match=r"^target lane"):
-                    replay(scene, reach, plan)
+                with pytest.raises(PlanError, match=r"^target corridor"):
+                    replay(Problem(scene, reach), plan)
     assert min(seen.values()) > 100
 
 

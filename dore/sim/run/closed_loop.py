@@ -28,7 +28,8 @@ from dore.sim.vision.camera import Eye
 from dore.sim.vision.camera_config import EyeConfig
 from dore.sim.vision.scene_estimate import NotUnderstood
 from dore.sim.vision.seen import Seen, after_move, confirm, panel_of, same_board
-from dore.world.plan import Plan, Scene, Status, cell_id
+from dore.world.plan import Plan, Status
+from dore.world.problem import Problem, Scene, cell_id
 from dore.world.reach import Reach
 
 
@@ -226,4 +227,6 @@ class ClosedLoop:
         """Into the report, and the film: beside the picture the scene, where one was seen."""
         self._report.events.append({"simulated_s": round(self.operator.simulated_s, 3), "event": kind, "text": text})
         self._save()
-        self._film.tell(f"{kind}: {text}", Panel(scene, self._loop.reach) if scene is not None else None, still)
+        self._film.tell(
+            f"{kind}: {text}", Panel(Problem(scene, self._loop.reach)) if scene is not None else None, still
+        )

@@ -112,7 +112,7 @@ def _perform(env: Any, rehearsal: Rehearsal, plan_file: PlanFile, report: Execut
         operator = Operator(env, rehearsal, Truth(world, rehearsal), film.after_step)
         outcome = Outcome.DONE
         tasks = tasks_of(plan_file.scene, plan_file.plan)
-        for task, panel in zip(tasks, panels_of(plan_file.scene, plan_file.reach, plan_file.plan), strict=True):
+        for task, panel in zip(tasks, panels_of(plan_file.problem, plan_file.plan), strict=True):
             moving = panel.move is not None
             film.show(f"move {panel.number} of {len(tasks) - 1}: {panel.words}" if moving else panel.words, panel)
             outcome = _run_move(operator, task, MoveMeter(world, operator.simulated_s), report)

@@ -11,7 +11,8 @@ from dore.sim.motion.outcome import Outcome
 from dore.sim.motion.rehearsal import MoveTask, Refused
 from dore.sim.vision.scene_estimate import Sighting, cell_of, scene_of
 from dore.world.layout import Layout
-from dore.world.plan import Move, Scene, cell_id
+from dore.world.plan import Move
+from dore.world.problem import Problem, Scene, cell_id
 from dore.world.reach import Reach
 
 
@@ -74,6 +75,6 @@ def after_move(scene: Scene, move: Move) -> Scene:
 def panel_of(scene: Scene, reach: Reach, task: MoveTask, number: int) -> Panel:
     """The board with a move's lanes, for the film."""
     if task.place_cell is None:
-        return Panel(scene, reach, None, task.pick_direction_deg, number)
+        return Panel(Problem(scene, reach), None, task.pick_direction_deg, number)
     move = Move(task.pick_cell, task.place_cell, task.pick_direction_deg, task.place_direction_deg)
-    return Panel(scene, reach, move, number=number)
+    return Panel(Problem(scene, reach), move, number=number)
