@@ -1,126 +1,41 @@
-"""Temporal-difference losses of the two DQN structures, as TorchRL LossModules with target networks.
+"""Temporal-difference losses of the two DQN structures, as TorchRL LossModules.
 
-B denotes the batch, G the cells, n the outputs of a head. Batches are decoded by an agent: they hold each
-head's observation, mask and action, the rewards, `terminated`, and the same under "next".
+B denotes the batch, G the cells. Batches are decoded by an agent: they hold each head's observation, mask and action,
+the rewards, `terminated`, and the same under "next".
 
-The online values come from the networks themselves, and only the targets by way of TorchRL's functional parameters,
-which take as long as a small network.
+With `chain=literal`, `heads=independent`, `mask_mode=legal` and `failed_pick=punish` each head's loss is that of
+`torchrl.objectives.DQNLoss`; the other forms are not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase, TensorDictParams
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, dispatch
+from tensordict.utils import NestedKey
 from torch import Tensor
-from torchrl.objectives.common import LossModule
-from torchrl.objectives.utils import distance_loss
 
 from dore.learn import keys
+from dore.learn.q_loss import PICK_TARGET, MaskMode, QLoss, best_value
 
-MaskMode = Literal["legal", "literal"]
 Heads = Literal["independent", "mean"]
 Chain = Literal["natural", "literal"]
 FailedPick = Literal["skip", "punish"]
-Values = dict[str | keys.Key, Tensor]
-PICK_TARGET, PLACE_TARGET = ("pick", "target"), ("place", "target")
-"""Float[B, 1]: what a chosen action's value is drawn to."""
 PICKED = "picked"
 """Bool[B]: the pick did not fail, so something was placed."""
+LIFTED = "lifted"
+"""The pick head's observation, mask and `terminated` after the lift: its next state in the literal chain."""
 
 
-def masked(values: Tensor, mask: Tensor, mode: MaskMode) -> Tensor:
-    """Q-values Float[B, n] of which the greedy choice is the argmax, under Bool[B, n].
-
-    `legal`: illegal entries become the lowest float. `literal`: Q x mask (eqs. 14, 18), where an illegal entry
-    counts 0 and so beats legal negative ones.
-    """
-    if mode == "literal":
-        return values * mask
-    return values.masked_fill(~mask, torch.finfo(values.dtype).min)
+def _below(group: str, *names: NestedKey) -> list[NestedKey]:
+    """Those keys inside a nested TensorDict."""
+    return [(group, name) if isinstance(name, str) else (group, *name) for name in names]
 
 
-def best_value(values: Tensor, chosen_by: Tensor, mask: Tensor, mode: MaskMode) -> Tensor:
-    """Float[B, 1]: the value of the greedy choice of `chosen_by`; 0 where nothing is legal.
-
-    `chosen_by` is `values` itself for plain Q-learning, the online network's for double Q-learning.
-    """
-    choice = masked(chosen_by, mask, mode).argmax(-1, keepdim=True)
-    value = values.gather(-1, choice)
-    if mode == "literal":
-        value = value * mask.gather(-1, choice)
-    return torch.where(mask.any(-1, keepdim=True), value, 0.0)
-
-
-class _QLoss(LossModule):
-    """What both losses share: values by the online networks, greedy values by target networks."""
-
-    def __init__(
-        self,
-        online: Mapping[str, TensorDictModule],
-        gamma: float,
-        double: bool,
-        mask_mode: MaskMode,
-        loss_function: str,
-    ) -> None:
-        super().__init__()
-        self.gamma = gamma
-        self.double = double
-        self.mask_mode = mask_mode
-        self.loss_function = loss_function
-        for name, network in online.items():
-            self.convert_to_functional(network, name, create_target_params=True)
-        # No submodules of this one: their parameters are those that `convert_to_functional` has registered.
-        self.__dict__["_online"] = dict(online)
-        self.in_keys = [key for network in online.values() for key in network.in_keys]
-
-    def _forward_value_estimator_keys(self, **kwargs: object) -> None:
-        """Nothing to forward: the bootstrap is worked out here."""
-
-    def with_targets(self, batch: TensorDictBase) -> TensorDict:
-        """What `forward` needs of a decoded batch, targets included.
-
-        For many updates between which the target networks stay as they are: one large pass instead of many small ones.
-        Not for double Q-learning, where targets also depend on the online networks.
-        """
-        raise NotImplementedError
-
-    def _run(self, name: str, batch: TensorDictBase) -> Values:
-        """What the online network says of a batch."""
-        return _values(self._online[name], batch)
-
-    def _run_target(self, name: str, batch: TensorDictBase) -> Values:
-        """What the target network says of a batch."""
-        network: TensorDictModule = getattr(self, name)
-        with getattr(self, f"target_{name}_params").to_module(network, preserve_module_state=False):
-            return _values(network, batch)
-
-    def _bootstrap(self, name: str, batch: TensorDictBase) -> tuple[Values, Values]:
-        """Target values, and those that choose the action."""
-        target = self._run_target(name, batch)
-        return target, self._run(name, batch) if self.double else target
-
-    def _error(self, values: Tensor, action: Tensor, target: Tensor, counted: Tensor | None = None) -> Tensor:
-        """The mean loss of the chosen actions' values, over the counted rows Bool[B]; 0 where there are none."""
-        errors = distance_loss(values.gather(-1, action[:, None]), target, self.loss_function)
-        if counted is None:
-            return errors.mean()
-        return (errors.squeeze(-1) * counted).sum() / counted.sum().clamp_min(1)
-
-
-def _values(network: TensorDictModule, batch: TensorDictBase) -> Values:
-    """The outputs of the network inside, by key: a small network takes less time than the module around it.
-
-    Under autocast they are of fewer bits; targets and errors are not worked out in these.
-    """
-    outputs = network.module(*(batch[key] for key in network.in_keys))
-    return {key: output.float() for key, output in zip(network.out_keys, outputs, strict=True)}
-
-
-class SingleLoss(_QLoss):
+class SingleLoss(QLoss):
     """One network with two heads, Q1 for the slot to pick and Q2 for the cell to place on (eqs. 3, 8, 9).
 
     The paper gives both heads one reward and does not say how they learn from it.
@@ -129,6 +44,13 @@ class SingleLoss(_QLoss):
         branching dueling Q-network of Tavakoli et al., 2018).
     """
 
+    @dataclass
+    class _AcceptedKeys(QLoss._AcceptedKeys):
+        pick_action: NestedKey = keys.SLOT
+        pick_value: NestedKey = keys.SLOT_VALUE
+        pick_mask: NestedKey = keys.SLOT_MASK
+
+    default_keys = _AcceptedKeys
     network: TensorDictModule
     network_params: TensorDictParams
     target_network_params: TensorDictParams
@@ -141,39 +63,43 @@ class SingleLoss(_QLoss):
         mask_mode: MaskMode,
         heads: Heads,
         loss_function: str,
+        reduction: str = "mean",
     ) -> None:
-        super().__init__({"network": network}, gamma, double, mask_mode, loss_function)
+        super().__init__({"network": network}, gamma, double, mask_mode, loss_function, reduction)
         self.heads = heads
 
+    def _keys_read(self) -> list[NestedKey]:
+        names = self.tensor_keys
+        after = (*self._observations, names.pick_mask, names.place_mask, names.place_reward, names.terminated)
+        return [*self._observations, names.pick_action, names.place_action, *_below("next", *after)]
+
+    @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """loss_pick and loss_place of a decoded batch, or of one with its targets."""
         values = self._run("network", tensordict)
         batch = tensordict if PICK_TARGET in tensordict.keys(True) else self.with_targets(tensordict)
-        return TensorDict(
-            {
-                "loss_pick": self._error(values[keys.SLOT_VALUE], batch[keys.SLOT], batch[PICK_TARGET]),
-                "loss_place": self._error(values[keys.PLACE_VALUE], batch[keys.PLACE], batch[PLACE_TARGET]),
-            }
-        )
+        names = self.tensor_keys
+        return self._losses(tensordict, batch, (values[names.pick_value], values[names.place_value]))
 
     @torch.no_grad()
     def with_targets(self, batch: TensorDictBase) -> TensorDict:
-        """See `_QLoss.with_targets`."""
+        """See `QLoss.with_targets`."""
+        names = self.tensor_keys
         following = batch["next"]
         target, chosen_by = self._bootstrap("network", following)
         best = [
             best_value(target[value], chosen_by[value], following[mask], self.mask_mode)
-            for value, mask in ((keys.SLOT_VALUE, keys.SLOT_MASK), (keys.PLACE_VALUE, keys.PLACE_MASK))
+            for value, mask in ((names.pick_value, names.pick_mask), (names.place_value, names.place_mask))
         ]
         if self.heads == "mean":
             best = [(best[0] + best[1]) / 2] * 2
-        discount = self.gamma * ~following[keys.TERMINATED]
-        pick_target, place_target = (following[keys.PLACE_REWARD] + discount * value for value in best)
-        kept = batch.select(*self.in_keys, keys.SLOT, keys.PLACE)
+        discount = self.gamma * ~following[names.terminated]
+        pick_target, place_target = (following[names.place_reward] + discount * value for value in best)
+        kept = batch.select(*self._observations, names.pick_action, names.place_action)
         return kept.update({"pick": {"target": pick_target}, "place": {"target": place_target}})
 
 
-class SequentialLoss(_QLoss):
+class SequentialLoss(QLoss):
     """Two networks, Q_p for the pick and Q_l for the place after the lift (eqs. 10-18).
 
     chain: `natural`: the pick is worth the best place after it, Q_p(s, p) <- max Q_l(s_l, .), and the place
@@ -183,6 +109,11 @@ class SequentialLoss(_QLoss):
         the pick); `punish`: r_n.
     """
 
+    @dataclass
+    class _AcceptedKeys(QLoss._AcceptedKeys):
+        picked: NestedKey = PICKED
+
+    default_keys = _AcceptedKeys
     pick: TensorDictModule
     pick_params: TensorDictParams
     target_pick_params: TensorDictParams
@@ -200,59 +131,69 @@ class SequentialLoss(_QLoss):
         chain: Chain,
         failed_pick: FailedPick,
         loss_function: str,
+        reduction: str = "mean",
     ) -> None:
-        super().__init__({"pick": pick, "place": place}, gamma, double, mask_mode, loss_function)
+        super().__init__({"pick": pick, "place": place}, gamma, double, mask_mode, loss_function, reduction)
         self.chain = chain
         self.failed_pick = failed_pick
 
+    def _keys_read(self) -> list[NestedKey]:
+        names = self.tensor_keys
+        pick, place = (self._online[head].in_keys for head in ("pick", "place"))
+        read = [*pick, *place, names.pick_action, names.place_action, names.picked]
+        read += _below("next", names.place_reward, names.terminated)
+        if self.chain == "natural":
+            return [*read, names.place_mask, *_below("next", *pick, names.pick_mask)]
+        read += _below(LIFTED, *pick, names.pick_mask, names.terminated)
+        return read + _below("next", *place, names.place_mask, names.pick_reward)
+
+    @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """loss_pick and loss_place of a decoded batch, or of one with its targets."""
-        pick_values = self._run("pick", tensordict)[keys.PICK_VALUE]
-        place_values = self._run("place", tensordict)[keys.PLACE_VALUE]
+        names = self.tensor_keys
+        pick_values = self._run("pick", tensordict)[names.pick_value]
+        place_values = self._run("place", tensordict)[names.place_value]
         batch = tensordict
         if PICK_TARGET not in batch.keys(True):
             batch = self._with_targets(batch, place_values.detach() if self.double else None)
-        counted = batch[PICKED] if self.failed_pick == "skip" else None
-        return TensorDict(
-            {
-                "loss_pick": self._error(pick_values, batch[keys.PICK], batch[PICK_TARGET]),
-                "loss_place": self._error(place_values, batch[keys.PLACE], batch[PLACE_TARGET], counted),
-            }
-        )
+        counted = batch[names.picked] if self.failed_pick == "skip" else None
+        return self._losses(tensordict, batch, (pick_values, place_values), counted)
 
     def with_targets(self, batch: TensorDictBase) -> TensorDict:
-        """See `_QLoss.with_targets`."""
+        """See `QLoss.with_targets`."""
         return self._with_targets(batch, None)
 
     @torch.no_grad()
     def _with_targets(self, batch: TensorDictBase, online_place: Tensor | None) -> TensorDict:
         """online_place: the online values of the places, which choose where Q-learning is double."""
+        names = self.tensor_keys
         pick_target, place_target = (
             self._natural(batch, online_place) if self.chain == "natural" else self._literal(batch)
         )
-        kept = batch.select(*self.in_keys, keys.PICK, keys.PLACE, PICKED)
+        kept = batch.select(*self._observations, names.pick_action, names.place_action, names.picked)
         return kept.update({"pick": {"target": pick_target}, "place": {"target": place_target}})
 
     def _natural(self, batch: TensorDictBase, online_place: Tensor | None) -> tuple[Tensor, Tensor]:
-        following = batch["next"]
-        reward = following[keys.PLACE_REWARD]
-        lifted = self._run_target("place", batch)[keys.PLACE_VALUE]
+        names, following = self.tensor_keys, batch["next"]
+        reward = following[names.place_reward]
+        lifted = self._run_target("place", batch)[names.place_value]
         chosen_by = lifted if online_place is None else online_place
-        pick_target = best_value(lifted, chosen_by, batch[keys.PLACE_MASK], self.mask_mode)
+        pick_target = best_value(lifted, chosen_by, batch[names.place_mask], self.mask_mode)
         if self.failed_pick == "skip":
-            pick_target = torch.where(batch[PICKED][:, None], pick_target, reward)
-        discount = self.gamma * ~following[keys.TERMINATED]
+            pick_target = torch.where(batch[names.picked][:, None], pick_target, reward)
+        discount = self.gamma * ~following[names.terminated]
         return pick_target, reward + discount * self._next_best("pick", following)
 
     def _literal(self, batch: TensorDictBase) -> tuple[Tensor, Tensor]:
-        lifted, following = batch["lifted"], batch["next"]
-        goes_on = ~lifted[keys.TERMINATED]
-        pick_target = following[keys.PICK_REWARD] + self.gamma * goes_on * self._next_best("pick", lifted)
-        goes_on = ~following[keys.TERMINATED]
-        place_target = following[keys.PLACE_REWARD] + self.gamma * goes_on * self._next_best("place", following)
+        names, lifted, following = self.tensor_keys, batch[LIFTED], batch["next"]
+        continues = ~lifted[names.terminated]
+        pick_target = following[names.pick_reward] + self.gamma * continues * self._next_best("pick", lifted)
+        continues = ~following[names.terminated]
+        place_target = following[names.place_reward] + self.gamma * continues * self._next_best("place", following)
         return pick_target, place_target
 
     def _next_best(self, head: str, batch: TensorDictBase) -> Tensor:
+        names = self.tensor_keys
+        value, mask = (names.pick_value, names.pick_mask) if head == "pick" else (names.place_value, names.place_mask)
         target, chosen_by = self._bootstrap(head, batch)
-        value = (head, "action_value")
-        return best_value(target[value], chosen_by[value], batch[head, "mask"], self.mask_mode)
+        return best_value(target[value], chosen_by[value], batch[mask], self.mask_mode)

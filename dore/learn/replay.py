@@ -1,6 +1,6 @@
 """Transitions as the buffer keeps them: packed boards and small integers, decoded by the agent after sampling.
 
-K denotes the points at which it is learned, n the transitions that are drawn at each.
+K denotes the points at which updates are made, n the transitions drawn at each.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.data import ReplayBuffer
+from torchrl.data import RandomSampler, ReplayBuffer
 
+from dore.errors import InputError
 from dore.learn import keys
 
 
@@ -38,12 +39,22 @@ def restore(sample: TensorDictBase) -> TensorDictBase:
     return sample
 
 
+def check_uniform(buffer: ReplayBuffer) -> None:
+    """Raise InputError where a buffer's sampler is not uniform: nothing writes priorities back to it."""
+    if type(buffer.sampler) is not RandomSampler:
+        raise InputError(f"buffer.sampler: got {type(buffer.sampler).__name__}, want RandomSampler, which is uniform")
+
+
 def draw_in_order(buffer: ReplayBuffer, rows: TensorDictBase, stored: Tensor, n: int) -> TensorDictBase:
     """TensorDict[K * n]: what storing and drawing by turns would draw; nothing is stored yet.
 
     The k-th draw is uniform over what the buffer holds once the first `stored[k]` (Int64[K]) of the rows are in it:
     the same as `extend` and `sample` in turn, for a few gathers in all instead of several for each draw.
+
+    Raises:
+        InputError: the buffer samples otherwise than uniformly.
     """
+    check_uniform(buffer)
     held, capacity = len(buffer), buffer.storage.max_size
     size = (held + stored).clamp_max(capacity)[:, None]
     age = (torch.rand(len(stored), n, dtype=torch.float64) * size).long().clamp_max(size - 1)

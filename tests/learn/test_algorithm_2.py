@@ -10,10 +10,11 @@ import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
 from tensordict import TensorDict
-from torchrl.data import LazyTensorStorage, ReplayBuffer
+from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement
 
 from dore.app import session
 from dore.app.session import trainer_of
+from dore.errors import InputError
 from dore.files import conf_dir
 from dore.learn import keys
 from dore.learn.checkpoint import BEST_NAME, load_checkpoint, load_model
@@ -58,6 +59,13 @@ def test_draws_see_what_is_stored_by_then_and_nothing_that_is_written_over(held)
         counts = torch.bincount(ids - min(window))
         assert set(ids.tolist()) == window
         assert counts.min() > 0.8 * 4000 / len(window)
+
+
+def test_a_sampler_that_is_not_uniform_is_refused():
+    """Drawing in order knows no other; and nothing would write priorities back."""
+    buffer = ReplayBuffer(storage=LazyTensorStorage(8), sampler=SamplerWithoutReplacement(), batch_size=1)
+    with pytest.raises(InputError, match="got SamplerWithoutReplacement, want RandomSampler"):
+        draw_in_order(buffer, numbered(3), torch.tensor([1]), 2)
 
 
 @pytest.mark.parametrize("num_envs", [1, 7])

@@ -15,7 +15,7 @@ from torchrl.objectives.common import LossModule
 from dore.errors import InputError, flag, number, one_of
 from dore.learn import keys
 from dore.learn.features import Encoding, mirrored_board, mirrored_cell
-from dore.learn.losses import MaskMode, masked
+from dore.learn.q_loss import MaskMode, masked
 from dore.world.reach import Reach
 
 

@@ -14,8 +14,9 @@ from dore.errors import one_of
 from dore.learn import keys
 from dore.learn.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty
 from dore.learn.features import Encoding, encode, n_planes
-from dore.learn.losses import PICKED, Chain, FailedPick, MaskMode, SequentialLoss, masked
+from dore.learn.losses import PICKED, Chain, FailedPick, SequentialLoss
 from dore.learn.networks import NetworkFactory
+from dore.learn.q_loss import MaskMode, masked
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, going_back, lift, pickable, placeable
 

@@ -11,8 +11,9 @@ from dore.errors import one_of, whole
 from dore.learn import keys
 from dore.learn.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty
 from dore.learn.features import Encoding, encode, n_planes, slot_of, slots
-from dore.learn.losses import Heads, MaskMode, SingleLoss, masked
+from dore.learn.losses import Heads, SingleLoss
 from dore.learn.networks import NetworkFactory
+from dore.learn.q_loss import MaskMode, masked
 from dore.world.reach import Reach
 from dore.world.rules import legal_moves, legal_places, pickable
 
