@@ -7,7 +7,12 @@
 #   it: start this from a clone that stays as it is. RESULTS: the CSV files (docs/results/literal). BIN: the commands.
 #   ONLY: a pattern of the names of runs. MORE: further overrides of all runs.
 set -euo pipefail
-minutes=${1:?how many minutes}
+minutes=${1:-}
+case $minutes in '' | *[!0-9]*) minutes=0 ;; esac
+[ "$minutes" -gt 1 ] || {
+    echo "literal: minutes: got '${1:-}', want a whole number of 2 or more; a run is given a minute to end" >&2
+    exit 2
+}
 cd "$(dirname "$0")/.."
 export OMP_NUM_THREADS=1
 home=${LITERAL_HOME:-outputs/literal}
@@ -15,7 +20,7 @@ results=${RESULTS:-docs/results/literal}
 bin=${BIN:-.venv/bin}
 end=$(($(date +%s) + 60 * minutes))
 margin=60 # seconds that a run is given to write its checkpoint
-child="" stopped=""
+child="" stopped="" seen="" worst=0
 
 # A stopped run leaves a checkpoint first; Ctrl-C reaches only this script, for the run is in the background.
 stop() {
@@ -29,7 +34,7 @@ run() {
     local name=$1 folder=$home/$1 left code=0
     shift
     # shellcheck disable=SC2254 # ONLY is a pattern.
-    case $name in ${ONLY:-*}) ;; *) return 0 ;; esac
+    case $name in ${ONLY:-*}) seen=yes ;; *) return 0 ;; esac
     left=$((end - $(date +%s) - margin))
     [ -z "$stopped" ] && [ ! -f "$folder/done.json" ] && [ "$left" -gt 0 ] || return 0
     echo "== $name"
@@ -40,7 +45,13 @@ run() {
     while kill -0 "$child" 2>/dev/null; do wait "$child" && code=0 || code=$?; done
     child=""
     [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal rows "$folder" "$results/$name"
-    case $code in 0 | 124 | 130) ;; *) echo "literal: $name ended with exit code $code" >&2 ;; esac
+    case $code in
+    0 | 124 | 130) ;;
+    *)
+        echo "literal: $name ended with exit code $code" >&2
+        worst=$code
+        ;;
+    esac
 }
 
 few="6x6_z3-5 7x7_z3-5 8x8_z3-5"
@@ -58,4 +69,9 @@ for seed in 0 1 2; do
     run "sequential_6x6_z3-8_step_seed$seed" "${other[@]}" training.update_after=step
     run "sequential_6x6_z3-8_wide_hand_seed$seed" "${other[@]}" reach=wide_hand
 done
+[ -n "$seen" ] || {
+    echo "literal: ONLY: '$ONLY' is the name of no run" >&2
+    exit 2
+}
 [ -z "$stopped" ] || exit 130
+exit "$worst"

@@ -18,7 +18,7 @@ from dore.draw.boards import draw_plan
 from dore.errors import InputError, path_of, seed_of
 from dore.files import locked
 from dore.learn.checkpoint import SHIPPED, load_checkpoint, load_model
-from dore.learn.trainer import Diverged, Ending
+from dore.learn.trainer import Diverged, Ending, Trainer
 from dore.memory import OutOfMemory
 from dore.planners.base import Planner
 from dore.report import measures as tables
@@ -95,6 +95,10 @@ def _run(session: Session) -> int:
         print(f"stopped; go on with: dore-train resume={folder}")
         return STOPPED
     progress = session.trainer.progress
+    if not progress.updates:
+        print(f"{ending}: nothing was learned: {_before_the_first_update(session.trainer)}")
+        print(f"go on with: dore-train resume={folder} training.max_minutes=...")
+        return OK
     success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
     print(f"{ending}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
     print(f"model, {run_folder.METRICS} and {CURVE} are in {folder}")
@@ -190,6 +194,14 @@ def _print_plan(found: Plan, target_id: int) -> None:
         print(f"  then the target on {target_id}, from {found.target_direction_deg:+.1f} deg")
 
 
+def _before_the_first_update(trainer: Trainer) -> str:
+    """How far a run is that has not made an update."""
+    progress, budget = trainer.progress, trainer.budget
+    if progress.filled < budget.fill:
+        return f"the replay holds {progress.filled:,} of training.fill {budget.fill:,} transitions"
+    return f"{progress.env_steps:,} steps were played, training.learning_starts is {budget.learning_starts:,}"
+
+
 def _evaluation_dir(cfg: DictConfig) -> Path:
     """The evaluation's folder: its own in a sweep, so that no two jobs share one."""
     settings = HydraConfig.get()
@@ -216,8 +228,9 @@ def _resumed_config(folder: Path) -> DictConfig:
     cfg = run_folder.read_config(folder, expected=run_folder.LEARNING)
     changes = _changes()
     for change in changes:
-        if not change.startswith("training."):
-            raise InputError(f"resume: {change} cannot be changed in {folder}, only training.* can")
+        if change.split("=")[0].lstrip("+~") not in run_folder.SPENDING:
+            allowed = ", ".join(run_folder.SPENDING)
+            raise InputError(f"resume: {change} cannot be changed in {folder}, only {allowed}")
     cfg.merge_with_dotlist(changes)
     return _placed(cfg, folder)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import os
 import shutil
 import time
@@ -127,8 +128,11 @@ def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
     """Write the file that says a run has ended, and how."""
+    finite = {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in result.items()
+    }
     with atomic_write(folder / DONE) as file:
-        json.dump(result, file, indent=2)
+        json.dump(finite, file, indent=2, allow_nan=False)
 
 
 def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None:

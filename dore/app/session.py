@@ -60,6 +60,8 @@ def trainer_of(cfg: DictConfig) -> Trainer:
     if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
         raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
     use_threads(cfg.threads)
+    # Checked before the instances are drawn, which takes a minute where there are many.
+    budget, epsilon = make(cfg.training, "training"), make(cfg.exploration, "exploration")
     reach = reach_of(cfg, cfg.device)
     splits = splits_of(cfg, reach)
     torch.manual_seed(cfg.seed)
@@ -74,9 +76,9 @@ def trainer_of(cfg: DictConfig) -> Trainer:
         # The updater comes before the first loss: TorchRL warns otherwise.
         targets=call(make(cfg.target_update, "target_update"), "target_update", agent.loss),
         optimizer=call(make(cfg.optimizer, "optimizer"), "optimizer", agent.networks.parameters()),
-        epsilon=make(cfg.exploration, "exploration"),
+        epsilon=epsilon,
         test=make(cfg.ipt, "ipt", instances=splits.validation(reach)),
-        budget=make(cfg.training, "training"),
+        budget=budget,
     )
 
 
@@ -216,6 +218,8 @@ class Session:
         self.trainer.check_weights()
         with memory_for("buffer.storage.max_size", self.trainer.buffer.storage.max_size):
             save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
+        if self.trainer.budget.keep == "last":
+            self._save_model(MODEL_NAME)
         self._saved_at = time.perf_counter()
 
     def _save_model(self, name: str) -> None:

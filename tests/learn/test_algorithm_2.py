@@ -200,3 +200,31 @@ def test_stopped_while_it_fills_or_learns_it_goes_on_as_if_it_had_not(tmp_path, 
     whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
     assert same(whole, parts)
     assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")
+
+
+def test_a_run_that_ends_while_it_fills_says_so(tmp_path, capsys):
+    folder = tmp_path / "run"
+    more = ["training.fill=300", "training.max_minutes=1e-6", f"run_dir={folder}"]
+    assert run("train", ["paper=sequential", *LITERAL, *more]) == 0
+    said = capsys.readouterr().out
+    assert "nothing was learned: the replay holds" in said
+    assert "of training.fill 300 transitions" in said
+    assert "learning_curve" not in said
+    done = json.loads((folder / "done.json").read_text(), parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert done["loss"] is None
+
+
+def test_only_the_budget_changes_when_a_run_goes_on(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert run("train", ["paper=sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
+    assert run("train", [f"resume={folder}", "training.fill=90"]) == 2
+    assert "training.fill=90 cannot be changed" in capsys.readouterr().err
+
+
+def test_a_killed_run_leaves_the_last_model_of_its_checkpoint(tmp_path, monkeypatch):
+    """keep=last writes the model with each checkpoint."""
+    monkeypatch.setattr(session.Session, "_conclude", lambda self, ending: None)
+    assert run("train", ["paper=sequential", *LITERAL, f"run_dir={tmp_path / 'run'}"]) == 0
+    last, _ = load_model(tmp_path / "run")
+    networks = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
+    assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
