@@ -1,4 +1,5 @@
-# make demo: train, evaluate, plan, draw and execute.   make test: lint, types and tests.
+# make demo: train, evaluate, plan, draw and execute.   make test: lint, types and tests.   make lint: the first two.
+# Each installs everything in .venv first, the simulator included.
 VENV := .venv
 PYTHON ?= python3
 BIN := $(VENV)/bin
@@ -11,7 +12,7 @@ DEMO_LIMIT ?= 1000
 demo: venv
 	BIN=$(BIN) LIMIT=$(DEMO_LIMIT) scripts/demo.sh $(DEMO_TRAIN)
 
-# One thread: on busy cores threads wait for each other.
+# One thread: threads wait for each other on busy cores.
 test: lint
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not gpu"
 
@@ -28,10 +29,10 @@ bench: venv
 
 venv: $(VENV)/.installed
 
-# The stamp comes last, so that an installation that was cut off is made again.
+# The stamp comes last, so that an interrupted installation is repeated.
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable ".[dev]"
+	$(BIN)/python -m pip install --quiet --editable ".[sim,dev]"
 	touch $@
 
 clean:

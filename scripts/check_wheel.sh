@@ -1,22 +1,52 @@
 #!/usr/bin/env bash
-# Builds the wheel and runs it outside the checkout: the configs and the model must be inside it.
+# Builds the wheel, installs it without extras in a fresh environment, and plans, trains and evaluates there, outside the
+# checkout: the configs and the model must be inside it, and no simulator may be needed. Takes two minutes.
+#   BIN: where the checkout's commands are. FRESH=no: half a minute; only the package comes from the wheel, its
+#   dependencies are the checkout's.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-bin=$PWD/.venv/bin
+bin=$(cd "${BIN:-.venv/bin}" && pwd)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
 "$bin/python" -m build --wheel --outdir "$work" . >"$work/build.log" 2>&1 || { cat "$work/build.log"; exit 1; }
-# Its dependencies are the checkout's; only the package itself is taken from the wheel.
-"$bin/python" -m pip install --quiet --no-deps --target "$work/site" "$work"/dore-*.whl
+wheel=$(echo "$work"/dore-*.whl)
+"$bin/python" - "$wheel" <<'EOF'
+import sys, zipfile
+names = zipfile.ZipFile(sys.argv[1]).namelist()
+for part in ("dore/py.typed", "dore/conf/train.yaml", "dore/weights/generalist.safetensors", "licenses/LICENSE"):
+    if not any(name.endswith(part) for name in names):
+        sys.exit(f"check_wheel.sh: {part} is not in the wheel")
+EOF
+if [ "${FRESH:-yes}" = no ]; then
+    python=$bin/python
+    "$python" -m pip install --quiet --no-deps --target "$work/site" "$wheel"
+    export PYTHONPATH=$work/site
+else
+    unset PYTHONPATH
+    python=$work/venv/bin/python
+    "$bin/python" -m venv "$work/venv"
+    "$python" -m pip install --quiet "$wheel"
+fi
 cd "$work"
-PYTHONPATH=$work/site "$bin/python" -c "
-import dore, pathlib
-assert pathlib.Path(dore.__file__).is_relative_to('$work/site'), dore.__file__
-from dore.app.cli import train
-train()" experiment=demo run_dir="$work/run" training.max_minutes=0.05 instances.validation_size=1000
-test -f "$work/run/model.safetensors"
-PYTHONPATH=$work/site "$bin/python" -c "from dore.app.cli import plan; plan()" planner=guided out="$work/plan.json" >/dev/null
-test -f "$work/plan.json"
-echo "the wheel works outside the checkout"
+
+# run COMMAND OVERRIDES...: as dore-COMMAND does.
+run() {
+    local command=$1
+    shift
+    "$python" -c "from dore.app.cli import $command; $command()" "$@"
+}
+
+found=$("$python" -c "import dore; print(dore.__file__)")
+[[ $found == "$work"/* ]] || { echo "check_wheel.sh: dore comes from $found, and not from the wheel" >&2; exit 1; }
+run train experiment=demo run_dir=run training.max_minutes=0.05 instances.validation_size=1000
+run evaluate model=run run_dir=evaluation limit=5
+run plan planner=guided out=plan.json
+if [ "${FRESH:-yes}" != no ]; then
+    code=0
+    run execute plan=plan.json 2>message || code=$?
+    cat message
+    [ "$code" -eq 2 ] && [ "$(wc -l <message)" -eq 1 ] || { echo "check_wheel.sh: no simulator, exit code $code" >&2; exit 1; }
+fi
+echo "the wheel works outside the checkout; it has $(stat -c %s "$wheel") bytes"

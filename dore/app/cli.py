@@ -24,6 +24,8 @@ BAD_INPUT, STOPPED = 2, 130
 LONGEST_NAME = 120
 EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
 """Hydra's plugins that come with an extra of the package."""
+SIMULATOR = ("mani_skill", "sapien", "pinocchio", "coal", "gymnasium", "imageio", "PIL")
+"""Modules that come with the extra `sim`."""
 Task = Callable[[DictConfig], int]
 
 
@@ -76,8 +78,13 @@ def execute() -> None:
     """dore-execute."""
 
     def task(cfg: DictConfig) -> int:
-        from dore.app.execute import execute
-
+        try:
+            from dore.app.execute import execute
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.partition(".")[0] not in SIMULATOR:
+                raise
+            missing = f"needs the simulator, and {error.name} is not installed"
+            raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
         return execute(cfg)
 
     _main("execute", task)
