@@ -9,7 +9,7 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dore.draw.curves import DPI, INK
+from dore.draw.style import DPI, INK
 from dore.files import atomic_write
 from scripts.ablation_runs import BASES, NONE, Variant
 from scripts.curve_panel import BLUE, RED

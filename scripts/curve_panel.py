@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, NullFormatter
 
-from dore.draw.curves import FAINT, INK
+from dore.draw.style import FAINT, INK
 from scripts.learning_curves import Ipt, band
 
 RED, BLUE, GREEN = "#c8553d", "#4c78a8", "#2e8b57"

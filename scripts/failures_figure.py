@@ -56,7 +56,7 @@ def draw(path: Path, drawn: Sequence[tuple[Column, Board, Mistake]]) -> None:
             axes.set_title(title, fontsize=8.5, color=INK, pad=3)
             axes.axis("off")
     handles = [
-        Patch(facecolor=colour, alpha=alpha, label=name.removesuffix(" and its lane"))
+        Patch(facecolor=colour, alpha=alpha, label=name.removesuffix(" and its corridor"))
         for name, (colour, alpha) in LEGEND.items()
     ]
     figure.legend(handles=handles, loc="lower center", ncols=4, fontsize=8.5, frameon=False, labelcolor=INK)

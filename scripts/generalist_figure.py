@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from dore.draw.curves import DPI, INK
+from dore.draw.style import DPI, INK
 from dore.files import atomic_write
 from scripts.generalist_metrics import over_optimum, success
 from scripts.generalist_worlds import PLANNERS, SIZED, Evaluations, Known, World

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from dore.draw.curves import DPI, FAINT, INK
+from dore.draw.style import DPI, FAINT, INK
 from dore.files import atomic_write
 from scripts.curve_panel import BLUE, RED, SHORT
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from dore.draw.curves import DPI, FAINT, INK
+from dore.draw.style import DPI, FAINT, INK
 from dore.files import atomic_write
 from scripts.paper_entries import ALL, PAPER, Entry, Metric
 from scripts.paper_metrics import MOVES, TIME

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from dore.draw.curves import DPI, INK
+from dore.draw.style import DPI, INK
 from dore.files import atomic_write
 from scripts.curve_panel import BLUE, GREEN, RED, draw_runs, mark, prepare
 from scripts.table4_metrics import IMPROVED, STRUCTURES

@@ -1,4 +1,4 @@
-"""What a board looks like on paper: its colours, cells, lanes, arrows and legend."""
+"""The elements of a drawn board: cells, approach corridors, arrows and legend."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon, Rectangle
 
+from dore.draw.style import BLUE, EDGE, EMPTY, FAINT, GREEN, INK, OCHRE, RED
 from dore.world.problem import Problem, Scene, cell_id
 
-OBSTACLE, TARGET, INK, FAINT = "#c8553d", "#2e8b57", "#2b2d33", "#8b8f98"
-PICK_LANE, PLACE_LANE = "#4c78a8", "#e0a030"
+OBSTACLE, TARGET, PICK_CORRIDOR, PLACE_CORRIDOR = RED, GREEN, BLUE, OCHRE
 CELL_INCH = 0.46
 """Edge of a cell on paper; everything else follows from it, so text never crowds the cells."""
 RADIUS = 0.3
-"""Radius of an object as drawn, in cells; the true one is the reach's affair."""
+"""Radius of an object as drawn, in cells; the physical one is part of the reach's clearance."""
 LEGEND = {
     "obstacle": (OBSTACLE, 1.0),
-    "target and its lane": (TARGET, 1.0),
-    "lane of the pick": (PICK_LANE, 0.5),
-    "lane of the place": (PLACE_LANE, 0.5),
+    "target and its corridor": (TARGET, 1.0),
+    "pick corridor": (PICK_CORRIDOR, 0.5),
+    "place corridor": (PLACE_CORRIDOR, 0.5),
 }
 """What each colour means, with its opacity."""
 
@@ -44,7 +44,7 @@ def draw_cells(axes: Axes, scene: Scene) -> None:
     edge = scene.layout.cell_m
     for cell in range(scene.layout.n_cells):
         x, y = on_paper(scene, cell)
-        square = Rectangle((x - edge / 2, y - edge / 2), edge, edge, facecolor="#f6f6f4", edgecolor="#d4d5d8", lw=0.7)
+        square = Rectangle((x - edge / 2, y - edge / 2), edge, edge, facecolor=EMPTY, edgecolor=EDGE, lw=0.7)
         axes.add_patch(square)
         axes.text(
             x - 0.45 * edge, y + 0.44 * edge, str(cell_id(cell)), fontsize=5, color=FAINT, ha="left", va="top", zorder=6
@@ -55,7 +55,7 @@ def draw_cells(axes: Axes, scene: Scene) -> None:
 
 
 def draw_corridor(axes: Axes, problem: Problem, cell: int, direction_deg: float, colour: str) -> None:
-    """The strip from a cell towards the robot that the hand needs free, to the panel's lower edge."""
+    """The strip from a cell towards the robot that must hold no obstacle's centre, to the panel's lower edge."""
     scene = problem.scene
     x, y = scene.layout.cells[cell]
     angle = math.atan2(-y, -x) + math.radians(direction_deg)

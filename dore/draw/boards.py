@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from dore.draw.board_art import (
     CELL_INCH,
-    INK,
     LEGEND,
     OBSTACLE,
-    PICK_LANE,
-    PLACE_LANE,
+    PICK_CORRIDOR,
+    PLACE_CORRIDOR,
     RADIUS,
     TARGET,
     draw_arrow,
@@ -31,14 +30,13 @@ from dore.draw.board_art import (
     extent,
     on_paper,
 )
-from dore.files import atomic_write
+from dore.draw.style import INK, save_png
 from dore.world.plan import Move, Plan, replay
 from dore.world.problem import Problem, Scene, cell_id
 
 MAX_WIDTH_INCH = 12.6
 GAP_INCH, TITLE_INCH, HEAD_INCH, FOOT_INCH = 0.25, 0.32, 0.42, 0.38
 """Between panels; above each for its title; above all; below all for the legend."""
-DPI = 200
 PANEL_LEGEND_INCH = (2.5, 0.42)
 """Width and height of the legend of a panel that stands alone."""
 
@@ -70,7 +68,7 @@ class Panel:
 
 
 def panels_of(problem: Problem, plan: Plan) -> tuple[Panel, ...]:
-    """One panel a move, then one for the retrieval; where no way to the target was found, nothing happens on it.
+    """One panel a move, then one for the retrieval; nothing happens on it where no solution was found.
 
     Raises:
         PlanError: the plan does not replay.
@@ -86,8 +84,8 @@ def panels_of(problem: Problem, plan: Plan) -> tuple[Panel, ...]:
 def draw_plan(problem: Problem, plan: Plan, path: str | os.PathLike[str]) -> None:
     """Write a PNG with one panel a move and one for the retrieval, in reading order.
 
-    The robot stands below each panel and looks up: row 0 is at the bottom, its left is on the left. A lane is as
-    wide as twice the reach's clearance; obstacles' centres stay out of it.
+    The robot stands below each panel and looks up: row 0 is at the bottom, its left is on the left. An approach
+    corridor is as wide as twice the reach's clearance; obstacles' centres stay out of it.
 
     Raises:
         PlanError: the plan does not replay.
@@ -116,8 +114,7 @@ def draw_plan(problem: Problem, plan: Plan, path: str | os.PathLike[str]) -> Non
         0.5, 1 - HEAD_INCH / 2 / size[1], title, ha="center", va="center", fontsize=11, color=INK, weight="bold"
     )
     draw_legend(figure, tuple(LEGEND), columns=4)
-    with atomic_write(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=DPI)
+    save_png(figure, path)
 
 
 def panel_pixels(
@@ -150,8 +147,8 @@ def _draw_panel(axes: Axes, panel: Panel, colours: Mapping[int, ColorType]) -> N
     axes.axis("off")
     draw_cells(axes, scene)
     if move is not None:
-        draw_corridor(axes, problem, move.place, move.place_direction_deg, PLACE_LANE)
-        draw_corridor(axes, problem, move.pick, move.pick_direction_deg, PICK_LANE)
+        draw_corridor(axes, problem, move.place, move.place_direction_deg, PLACE_CORRIDOR)
+        draw_corridor(axes, problem, move.pick, move.pick_direction_deg, PICK_CORRIDOR)
     if panel.target_direction_deg is not None:
         draw_corridor(axes, problem, scene.target, panel.target_direction_deg, TARGET)
     size = RADIUS * scene.layout.cell_m

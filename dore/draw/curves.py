@@ -10,21 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
+from dore.draw.style import BLUE, FAINT, GREEN, INK, RED, plain, save_png
 from dore.errors import InputError
-from dore.files import atomic_write
-
-SUCCESS, LOSS, EPSILON, INK, FAINT = "#2e8b57", "#c8553d", "#4c78a8", "#2b2d33", "#8b8f98"
-DPI = 200
 
 
 def draw_learning_curve(csv_path: str | os.PathLike[str], png_path: str | os.PathLike[str]) -> None:
     """Write a PNG of a run's metrics over env steps: success rate with its target, loss, epsilon.
 
     The CSV has the columns env_steps, epsilon, loss, success (IPT success rate; empty where no IPT ran) and
-    target_success; others are left alone.
+    target_success; others are ignored.
 
     Raises:
-        InputError: no such file, a missing column, no rows, or a value that is no number.
+        InputError: no such file, a missing column, no rows, or a value that is not a number.
     """
     metrics = _read_metrics(csv_path)
     figure = Figure((7.0, 5.6), facecolor="white", layout="constrained")
@@ -32,25 +29,22 @@ def draw_learning_curve(csv_path: str | os.PathLike[str], png_path: str | os.Pat
     _mark_target(axes[0], metrics["target_success"][-1][1])
     marker = "o" if len(metrics["success"]) < 80 else ""
     lines = (
-        ("success", "IPT success (%)", SUCCESS, 100),
-        ("loss", "loss", LOSS, 1),
-        ("epsilon", "epsilon", EPSILON, 1),
+        ("success", "IPT success (%)", GREEN, 100),
+        ("loss", "loss", RED, 1),
+        ("epsilon", "epsilon", BLUE, 1),
     )
-    for one, (name, label, colour, scale) in zip(axes, lines, strict=True):
+    for axis, (name, label, colour, scale) in zip(axes, lines, strict=True):
         points = metrics[name]
         steps, values = [step for step, _ in points], [scale * value for _, value in points]
-        one.plot(steps, values, color=colour, lw=1.4, marker=marker if name == "success" else "", ms=3)
-        one.set_ylabel(label, fontsize=9, color=INK)
-        one.tick_params(labelsize=8, colors=INK)
-        one.grid(color="#e6e6e6", lw=0.6)
-        one.spines[["top", "right"]].set_visible(False)
+        axis.plot(steps, values, color=colour, lw=1.4, marker=marker if name == "success" else "", ms=3)
+        axis.set_ylabel(label, fontsize=9, color=INK)
+        plain(axis)
     axes[0].set_ylim(0, 103)
     axes[2].set_ylim(0, 1.05)
     axes[2].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axes[2].set_xlabel("env steps", fontsize=9, color=INK)
     figure.align_ylabels(axes)
-    with atomic_write(png_path, "wb") as file:
-        figure.savefig(file, format="png", dpi=DPI)
+    save_png(figure, png_path)
 
 
 def _mark_target(axes: Axes, wanted: float) -> None:

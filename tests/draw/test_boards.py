@@ -10,8 +10,9 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from dore.draw.board_art import CELL_INCH, OBSTACLE
-from dore.draw.boards import DPI, Panel, draw_plan, panel_pixels, panels_of
+from dore.draw.boards import Panel, draw_plan, panel_pixels, panels_of
 from dore.draw.curves import draw_learning_curve
+from dore.draw.style import DPI
 from dore.errors import InputError
 from dore.planners.base import Draft, checked_plans
 from dore.world.layout import Layout
