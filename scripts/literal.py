@@ -106,7 +106,7 @@ def run_of(folder: Path) -> Run:
     about, done = _json(folder / "about.json"), _json(folder / DONE)
     every = cfg.target_update.value_network_update_interval + 1
     t_lim = cfg.training.max_episodes
-    rows = [row for row in _rows(folder / METRICS) if row["success"]]
+    rows = [row for row in _rows(folder / METRICS) if row["success"] and int(row["updates"])]
     a_step = cfg.training.update_after == "step"
     ratio = int(rows[-1]["updates"]) / int(rows[-1]["episodes"]) if a_step and rows else cfg.training.updates
     tests = [

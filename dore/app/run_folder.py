@@ -101,6 +101,11 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
     missing = [key for key in expected if not isinstance(cfg, DictConfig) or key not in cfg]
     if missing:
         raise InputError(f"{path}: damaged or cut off, it lacks {', '.join(missing)}")
+    if "updates_per_step" in (cast(DictConfig, cfg).get("training") or {}):
+        raise InputError(
+            f"{path}: of version 0.1, whose training cannot go on; its model still plans and evaluates, "
+            "and a new run trains (training.updates and training.update_after instead of training.updates_per_step)"
+        )
     return OmegaConf.create(renamed(OmegaConf.to_container(cfg)))
 
 

@@ -59,6 +59,8 @@ def trainer_of(cfg: DictConfig) -> Trainer:
             )
     if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
         raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
+    if (interval := cfg.target_update.get("value_network_update_interval")) is not None:
+        whole("target_update.value_network_update_interval", interval, 0)
     use_threads(cfg.threads)
     # Checked before the instances are drawn, which takes a minute where there are many.
     budget, epsilon = make(cfg.training, "training"), make(cfg.exploration, "exploration")

@@ -24,6 +24,9 @@ from dore.learn.player import Burst, Player, burst_of, burst_state
 from dore.learn.replay import buffer_state, draw_in_order, load_buffer, restore
 from dore.memory import memory_for
 
+DECODED_AT_ONCE = 8192
+"""Transitions, of which each takes some kilobytes once it is decoded."""
+
 
 class Diverged(RuntimeError):
     """The loss is no longer finite: names the step, the loss and the last good checkpoint."""
@@ -176,24 +179,31 @@ class Trainer:
                 late = burst.stored[len(self.buffer) + burst.stored >= budget.learning_starts]
                 sample = draw_in_order(self.buffer, burst.rows, late, n) if len(late) else None
                 self._store(burst.rows)
-            losses = [] if sample is None else self._updates(self.agent.decode(restore(sample)))
+            losses = [] if sample is None else self._updates(sample)
         if losses:
             self.progress.updates += len(losses)
             self.progress.loss = float(torch.stack(losses).mean())
             if not math.isfinite(self.progress.loss):
                 raise self._diverged("the loss is")
 
-    def _updates(self, decoded: TensorDictBase) -> list[torch.Tensor]:
-        """One update for each batch of a decoded sample; their losses."""
+    def _updates(self, sample: TensorDictBase) -> list[torch.Tensor]:
+        """One update for each batch of a sample; their losses."""
+        size = self.budget.batch_size
         losses: list[torch.Tensor] = []
-        size, first = self.budget.batch_size, 0
-        while first < len(decoded):
-            batches = decoded[first : first + size * self._updates_to_next_copy()]
-            if len(batches) > size:
-                batches = self.agent.loss.with_targets(batches)
-            losses += [self._update(batch) for batch in batches.split(size)]
-            first += len(batches)
+        for rows in sample.split(max(1, DECODED_AT_ONCE // size) * size):
+            decoded, first = self.agent.decode(restore(rows)), 0
+            while first < len(decoded):
+                batches = decoded[first : first + size * self._updates_to_next_copy()]
+                if len(batches) > size:
+                    with self._autocast():
+                        batches = self.agent.loss.with_targets(batches)
+                losses += [self._update(batch) for batch in batches.split(size)]
+                first += len(batches)
         return losses
+
+    def _autocast(self) -> torch.autocast:
+        """What the networks multiply in while they learn."""
+        return torch.autocast(self.env.reach.device.type, torch.bfloat16, enabled=self.budget.precision == "bfloat16")
 
     def _updates_to_next_copy(self) -> int:
         """How many updates have the same targets, if they are worked out ahead."""
@@ -210,8 +220,7 @@ class Trainer:
         )
 
     def _update(self, batch: TensorDictBase) -> torch.Tensor:
-        device = self.env.reach.device
-        with torch.autocast(device.type, torch.bfloat16, enabled=self.budget.precision == "bfloat16"):
+        with self._autocast():
             loss = self.agent.loss(batch)
         total = loss["loss_pick"] + loss["loss_place"]
         self.optimizer.zero_grad(set_to_none=True)

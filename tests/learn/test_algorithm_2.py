@@ -18,9 +18,11 @@ from dore.errors import InputError
 from dore.files import conf_dir
 from dore.learn import keys
 from dore.learn.checkpoint import BEST_NAME, load_checkpoint, load_model
+from dore.learn.losses import PICKED
 from dore.learn.player import Burst, Player
 from dore.learn.replay import draw_in_order, restore
 from dore.learn.trainer import Trainer
+from dore.world.rules import lift, retrievable
 from tests.commands import TINY, run
 from tests.drawings import wide_hand
 from tests.learn.test_trainer import metrics, same
@@ -36,8 +38,10 @@ LITERAL = [
 
 def literal(paper: str, *overrides: str) -> Trainer:
     GlobalHydra.instance().clear()
+    soft = "target_update=soft" in overrides
+    options = [option for option in LITERAL if not (soft and option.startswith("target_update."))]
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        return trainer_of(hydra.compose("train", [f"paper={paper}", *LITERAL, *overrides]))
+        return trainer_of(hydra.compose("train", [f"paper={paper}", *options, *overrides]))
 
 
 def numbered(n: int, first: int = 0) -> TensorDict:
@@ -99,11 +103,20 @@ def one_after_the_other(trainer: Trainer, burst: Burst) -> None:
         trainer._update(trainer.agent.decode(restore(sample)))
 
 
-@pytest.mark.parametrize("paper", ["sequential", "single"])
-@pytest.mark.parametrize("num_envs", [1, 9])
-def test_many_environments_store_and_learn_in_the_order_of_one(paper, num_envs, monkeypatch):
+@pytest.mark.parametrize(
+    ("paper", "num_envs", "more"),
+    [
+        ("sequential", 1, []),
+        ("sequential", 9, []),
+        ("single", 1, []),
+        ("single", 9, []),
+        ("sequential", 9, ["agent.double=true"]),
+        ("sequential", 9, ["target_update=soft"]),
+    ],
+)
+def test_many_environments_store_and_learn_in_the_order_of_one(paper, num_envs, more, monkeypatch):
     """It draws, decodes and works out targets for many updates at once; the weights are those of one by one."""
-    options = (paper, f"env.num_envs={num_envs}", "buffer.storage.max_size=5000")
+    options = (paper, f"env.num_envs={num_envs}", "buffer.storage.max_size=5000", *more)
     trainer, by_the_book = literal(*options), literal(*options)
     learned: list[tuple[torch.Tensor, Burst]] = []
     learn = trainer._learn
@@ -130,6 +143,9 @@ def rows_of(trainer: Trainer) -> list[torch.Tensor]:
 @pytest.mark.parametrize("unit", ["episode", "step"])
 def test_the_fill_counts_for_nothing_and_each_unit_has_its_update(unit):
     trainer = literal("sequential", f"training.update_after={unit}", "env.num_envs=5")
+    resets: list[int] = []
+    reset = trainer.player.reset
+    trainer.player.reset = lambda: (resets.append(trainer.progress.filled), reset())[1]
     while trainer.progress.filled < 50:
         trainer.iterate()
         assert trainer.agent._greedy[0].explore.eps.item() == 1.0
@@ -137,6 +153,8 @@ def test_the_fill_counts_for_nothing_and_each_unit_has_its_update(unit):
     assert (progress.filled, progress.env_steps, progress.episodes, progress.updates) == (50, 0, 0, 0)
     assert len(trainer.buffer) == 50
     trainer.iterate()
+    assert resets == [0, 50], "the first episode that counts is a new one"
+    assert set(trainer.player._length.tolist()) <= {0, 1}
     assert progress.epsilon == trainer.epsilon.start, "epsilon falls over what is played after the fill"
     while not trainer.spent():
         trainer.iterate()
@@ -180,7 +198,7 @@ def key_of(name: str) -> str:
     return f"{head}_params." + ".".join(["module", *rest])
 
 
-@pytest.mark.parametrize("stop_at", [2, 12])
+@pytest.mark.parametrize("stop_at", [2, 7, 10, 12])
 def test_stopped_while_it_fills_or_learns_it_goes_on_as_if_it_had_not(tmp_path, stop_at, monkeypatch):
     report = session.Session._report
 
@@ -228,3 +246,65 @@ def test_a_killed_run_leaves_the_last_model_of_its_checkpoint(tmp_path, monkeypa
     last, _ = load_model(tmp_path / "run")
     networks = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
     assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
+
+
+def test_what_a_decoded_step_says_of_its_pick():
+    """The pick's chain ends where the pick failed, or where the lift opened the target; only a true pick is placed."""
+    torch.manual_seed(0)
+    reach = wide_hand(3, 4)
+    agent = make_agent("sequential", True, reach)
+    player = Player(make_env(reach, 200, 6), agent, "round")
+    player.reset()
+    step = player.env.step(random_cells(player, reach.n_cells))
+    decoded = agent.decode(step)
+    failed = torch.isin(step["next", keys.FAILURE], torch.tensor([1, 3]))
+    opened = retrievable(reach, lift(step[keys.BOARD], step[keys.PICK]), step[keys.TARGET])
+    assert torch.equal(decoded[PICKED], ~failed)
+    assert torch.equal(decoded["lifted", keys.TERMINATED].squeeze(-1), failed | opened)
+    assert {True, False} == set(failed.tolist()) == set((opened & ~failed).tolist())
+
+
+def random_cells(player: Player, n_cells: int) -> TensorDict:
+    """An action of any two cells in every environment."""
+    observed = player.env.observation()
+    n = observed.batch_size[0]
+    observed[keys.PICK], observed[keys.PLACE] = torch.randint(n_cells, (n,)), torch.randint(n_cells, (n,))
+    return observed
+
+
+def test_updates_begin_when_the_buffer_holds_enough():
+    trainer = literal("sequential", "training.fill=0", "training.learning_starts=20", "training.update_after=step")
+    first = None
+    while not trainer.spent() and first is None:
+        held = len(trainer.buffer)
+        trainer.iterate()
+        if trainer.progress.updates:
+            first = held + trainer.env.batch_size[0] - trainer.progress.updates + 1
+    assert first == 20
+
+
+def test_no_test_before_the_first_update_and_none_ends_a_run_before_its_least_episodes():
+    late = literal("sequential", "training.fill=0", "training.learning_starts=400", "ipt.every_episodes=5")
+    tested: list[int] = []
+    late.run(lambda progress, result: tested.extend([progress.episodes] * (result is not None)), stop=lambda: False)
+    assert tested == []
+    easy = literal("sequential", "training.min_episodes=15", "ipt.every_episodes=5", "ipt.target_success=1e-9")
+    assert easy.run(lambda progress, result: None, stop=lambda: False) == "passed"
+    assert easy.progress.episodes == 15
+
+
+@pytest.mark.parametrize("interval", ["-1", "9.5", "abc"])
+def test_a_copy_interval_that_is_no_count_is_one_line(interval):
+    with pytest.raises(InputError, match=f"value_network_update_interval: got '?{interval}"):
+        literal("sequential", f"target_update.value_network_update_interval={interval}")
+
+
+def test_a_run_folder_of_version_0_1_says_what_to_do(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert run("train", ["paper=sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
+    config = (folder / "config.yaml").read_text().replace("updates: 1", "updates_per_step: 1")
+    (folder / "config.yaml").write_text(config)
+    assert run("train", [f"resume={folder}"]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "version 0.1" in line
+    assert "training.updates" in line

@@ -88,6 +88,16 @@ def test_literal_chain():
     assert loss["loss_place"].item() == pytest.approx((1.0 - 9.5) ** 2)
 
 
+def test_double_q_learning_lets_the_online_network_choose_and_the_target_network_value():
+    """Online values are -1 times the observations and so choose what the targets, the observations, value least."""
+    loss = sequential("natural", double=True)
+    for parameters in (loss.pick_params, loss.place_params):
+        next(iter(parameters.parameters())).data.fill_(-1.0)
+    losses = loss(transition(terminated=False))
+    assert losses["loss_pick"].item() == pytest.approx((-0.5 - 1.0) ** 2), "1, not 6, of the places after the lift"
+    assert losses["loss_place"].item() == pytest.approx((-1.0 - (7.0 + 0.5 * 1.0)) ** 2), "1, not 3, of the next picks"
+
+
 @pytest.mark.parametrize("chain", ["natural", "literal"])
 def test_the_place_network_learns_nothing_from_a_failed_pick(chain):
     """Nothing was lifted: only the pick network learns, r_n = 7 here, or its own reward in the literal chain."""
@@ -115,12 +125,15 @@ def single(heads: str) -> SingleLoss:
     return SingleLoss(network, 0.5, False, "legal", heads, "l2")
 
 
-@pytest.mark.parametrize(("heads", "pick", "place"), [("independent", 8.5, 7.5), ("mean", 8.0, 8.0)])
-def test_single_heads(heads, pick, place):
+@pytest.mark.parametrize(
+    ("heads", "terminated", "pick", "place"),
+    [("independent", False, 8.5, 7.5), ("mean", False, 8.0, 8.0), ("independent", True, 7.0, 7.0)],
+)
+def test_single_heads(heads, terminated, pick, place):
     after = TensorDict({"pick": {keys.OBSERVATION: torch.tensor([[3.0, 1.0, 9.0]])}, "place": {}}, batch_size=[1])
     after[keys.SLOT_MASK] = torch.tensor([[True, True, False]])
     after[keys.PLACE_MASK] = torch.tensor([[False, True, False]])
-    after[keys.PLACE_REWARD], after[keys.TERMINATED] = torch.tensor([[7.0]]), torch.tensor([[False]])
+    after[keys.PLACE_REWARD], after[keys.TERMINATED] = torch.tensor([[7.0]]), torch.tensor([[terminated]])
     td = TensorDict({"pick": {keys.OBSERVATION: torch.tensor([[2.0, 0.5, 9.0]])}, "next": after}, batch_size=[1])
     td[keys.SLOT], td[keys.PLACE] = torch.tensor([0]), torch.tensor([1])
     loss = single(heads)(td)
