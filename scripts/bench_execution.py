@@ -23,7 +23,7 @@ import torch
 from dore.app import build
 from dore.app.execute import stage_of
 from dore.files import atomic_write, commit
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from dore.sim.motion.collision import CollisionChecker
 from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.run.open_loop import execute

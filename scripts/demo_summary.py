@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from dore.report.evaluation import read_rows
-from dore.report.measures import summarise
+from dore.report.tables import summarise
 
 
 def main(out: Path, seconds: str) -> None:

@@ -10,7 +10,7 @@ from statistics import fmean, stdev
 
 from dore.files import atomic_write
 from dore.report.intervals import UNKNOWN, Interval
-from dore.report.measures import Table
+from dore.report.tables import Table
 from scripts.paper_entries import Entry, Metric
 
 COLUMNS = ("metric", "row", "column", "n", "mean", "sd", "low", "high")

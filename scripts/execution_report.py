@@ -19,7 +19,7 @@ from typing import Any
 
 from dore.files import atomic_write, commit
 from dore.report.intervals import percentile, wilson
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from dore.sim.run.setup import REPORT_NAME
 from scripts.executions import ARGUMENTS
 

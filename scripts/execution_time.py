@@ -14,7 +14,7 @@ from statistics import fmean, linear_regression
 
 from dore.errors import InputError
 from dore.files import atomic_write, commit
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from scripts.entry_tables import table, write_csv
 from scripts.execution_report import Run, read
 from scripts.paper_entries import Entry, Metric, mean, of_paper

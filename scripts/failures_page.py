@@ -9,7 +9,7 @@ import torch
 
 from dore.files import commit
 from dore.report.intervals import Interval, wilson
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from scripts.failures_found import PROOF_S, Board, Column
 
 ENDINGS = {"move budget": "step limit", "no legal move": "no legal move left"}

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from statistics import fmean
 
-from dore.report.measures import compare
+from dore.report.tables import compare
 from dore.world.plan import Status
 from scripts.generalist_worlds import PLANNERS, Evaluations, Known, World
 from scripts.paper_entries import Entry, Metric, point, share

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from dore.report.measures import as_markdown
+from dore.report.tables import as_markdown
 from scripts.entry_tables import table, write_csv
 from scripts.generalist_figure import draw
 from scripts.generalist_metrics import (

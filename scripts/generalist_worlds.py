@@ -19,12 +19,12 @@ from dore.configure import make
 from dore.errors import InputError
 from dore.files import conf_dir
 from dore.report.evaluation import ROWS, Row, read_rows
+from dore.report.frame import read_json
 from dore.world.board import pack
 from dore.world.instances import InstanceSplits
 from dore.world.plan import Status
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
-from scripts.table4_runs import read_json
 
 SIZED = "wide_hand"
 """The reach that all sizes and densities are measured with."""

@@ -18,8 +18,8 @@ from typing import Any
 from dore.app.run_folder import DONE, METRICS, read_config
 from dore.errors import InputError
 from dore.files import atomic_write
+from dore.report.study import paper_table
 from scripts.literal_figure import draw
-from scripts.table4_runs import PAPER
 
 COLUMNS = (
     *("episodes", "updates", "share_of_episodes", "share_of_updates"),
@@ -29,6 +29,10 @@ HEAD = (
     *("structure", "column", "seed", "reading", "paper %", "last %", "best % (at update)"),
     *("updates", "of T_lim", "copies", "state"),
 )
+PAPER = {
+    key: {one.column: one.mean for one in paper_table("success").itertuples() if one.method == name}
+    for key, name in (("single", "S-DQN"), ("sequential", "SS-DQN"))
+}
 MOST_ROWS = 1100
 """Tests of a run in its CSV file, evenly spaced; the last one always."""
 

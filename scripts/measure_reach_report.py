@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle, Wedge
 from torch import Tensor
 
 from dore.files import atomic_write, commit
-from dore.report.measures import as_markdown
+from dore.report.tables import as_markdown
 from dore.sim.config import ArmConfig
 from dore.world.problem import cell_id
 from dore.world.reach import Reach

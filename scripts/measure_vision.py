@@ -21,7 +21,7 @@ from tqdm import trange
 from dore.errors import InputError, seed_of, whole
 from dore.files import atomic_write, commit
 from dore.report.intervals import percentile, wilson
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from dore.sim.config import preset
 from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera import Eye

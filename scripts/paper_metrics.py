@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dore.errors import InputError
 from dore.report.evaluation import Row, Timing
 from dore.report.intervals import Interval, percentile, ratio_interval
-from dore.report.measures import Paired, compare, summarise
+from dore.report.tables import Paired, compare, summarise
 from dore.world.plan import Status
 from scripts.paper_entries import ALL, PAPER, Entry, Metric, mean, means_over_columns, of_paper, point, scaled, share
 from scripts.paper_rows import REARRANGEMENTS, TABLE_1_PLANNING_S, Cell

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from scripts.entry_tables import cell, write_csv
 from scripts.paper_entries import ALL, Metric
 from scripts.paper_figure import draw

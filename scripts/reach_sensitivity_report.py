@@ -8,7 +8,7 @@ from pathlib import Path
 import yaml
 
 from dore.files import atomic_write, commit, conf_dir
-from dore.report.measures import Table, as_markdown
+from dore.report.tables import Table, as_markdown
 from scripts.paper_rows import REARRANGEMENTS
 from scripts.reach_sensitivity_figure import draw
 from scripts.reach_sensitivity_rows import (

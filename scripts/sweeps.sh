@@ -1,4 +1,4 @@
-# What scripts/table4.sh and scripts/ablation.sh share; they source it. TRAIN: more overrides of all their trainings.
+# What sweeps share; scripts source it. TRAIN: more overrides of all their trainings.
 . scripts/tables.sh
 broken=0
 

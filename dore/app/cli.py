@@ -90,6 +90,17 @@ def execute() -> None:
     _main("execute", task)
 
 
+def report() -> None:
+    """dore-report."""
+
+    def task(cfg: DictConfig) -> int:
+        from dore.app.report import report
+
+        return report(cfg)
+
+    _main("report", task)
+
+
 def _main(name: str, task: Task) -> None:
     """Compose the config, run the task, exit with its code; what the user got wrong is one line and code 2."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises what it would print with a traceback.

@@ -21,7 +21,7 @@ from dore.learn.checkpoint import SHIPPED, load_checkpoint, load_model
 from dore.learn.trainer import Diverged, Ending, Trainer
 from dore.memory import OutOfMemory
 from dore.planners.base import Planner
-from dore.report import measures as tables
+from dore.report import tables
 from dore.report.evaluation import ROWS, Timing, evaluate_into, read_rows
 from dore.world.files import read_scene, write_plan
 from dore.world.instances import InstanceSet, random_problem

@@ -1,209 +1,141 @@
-"""Tables from rows.csv alone: how often each planner succeeds, how much it moves, how long it thinks."""
+"""What a study may measure: each function takes the rows of one cell and returns an `Estimate`.
+
+A study names them (`measure: solved_of_solvable`); another one is a function in a module of your own, named in full.
+Columns are those of rows.csv, and what `dore.report.frame` adds (solved, solvable, unsolvable, undecided, optimum).
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from statistics import stdev
+from collections.abc import Callable
+from importlib import import_module
+
+import pandas as pd
 
 from dore.errors import InputError
-from dore.report.evaluation import Row
-from dore.report.intervals import UNKNOWN, Interval, mean_interval, percentile, ratio_interval, wilson
-from dore.world.plan import Status
+from dore.report import estimates
+from dore.report.estimates import Estimate
+
+Measure = Callable[..., Estimate]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """One planner over all rows.
-
-    success: of all instances. success_of_solvable: of those that can be solved; nan unless the planners together
-        solved, or proved unsolvable, every instance.
-    moves, moves_sd: rearrangements over the instances it solved; planning_*_ms: over all instances.
-    """
-
-    planner: str
-    instances: int
-    solved: int
-    success: Interval
-    success_of_solvable: Interval
-    moves: Interval
-    moves_sd: float
-    planning_p50_ms: float
-    planning_p99_ms: float
-    timing: str
-
-
-@dataclass(frozen=True)
-class Paired:
-    """One planner on the instances that every planner solved, so that easy and hard ones weigh the same.
-
-    difference: its rearrangements less the reference's, instance by instance.
-    ratio: its mean over the reference's; nan where the reference moves nothing.
-    """
-
-    planner: str
-    reference: str
-    instances: int
-    moves: Interval
-    moves_sd: float
-    difference: Interval
-    ratio: Interval
-
-    @property
-    def change_percent(self) -> float:
-        """How far the ratio is from 1."""
-        return 100 * (self.ratio.value - 1)
-
-
-def summarise(rows: Sequence[Row]) -> list[Summary]:
-    """A summary for each planner, in the order of the rows.
+def named(name: str) -> Measure:
+    """A measure of this module, or `package.module.function`.
 
     Raises:
-        InputError: no rows, planners that saw different instances, or a planner with two rows of one.
+        InputError: there is no such function.
     """
-    groups = _by_planner(rows)
-    unsolvable = {row.instance for row in rows if row.status is Status.UNSOLVABLE}
-    solvable = {row.instance for row in rows if row.status is Status.SOLVED}
-    decided = unsolvable | solvable == {row.instance for row in rows}
-    summaries = []
-    for planner, group in groups.items():
-        solved = [row for row in group.values() if row.status is Status.SOLVED]
-        moves = [float(row.moves) for row in solved]
-        taken_ms = [1000 * row.planning_s for row in group.values()]
-        summaries.append(
-            Summary(
-                planner,
-                len(group),
-                len(solved),
-                wilson(len(solved), len(group)),
-                wilson(len(solved), len(solvable)) if decided and solvable else UNKNOWN,
-                mean_interval(moves),
-                stdev(moves) if len(moves) > 1 else math.nan,
-                percentile(taken_ms, 50),
-                percentile(taken_ms, 99),
-                "/".join(sorted({row.timing for row in group.values()})),
-            )
-        )
-    return summaries
+    module, _, function = name.rpartition(".")
+    try:
+        found: Measure = getattr(import_module(module or __name__), function)
+    except (ImportError, AttributeError):
+        raise InputError(f"measure: got {name!r}, want a function of dore.report.measures or module.function") from None
+    return found
 
 
-def compare(rows: Sequence[Row], reference: str | None = None) -> list[Paired]:
-    """Every planner against one of them (the last by default) on the instances that all of them solved.
+def values(rows: pd.DataFrame, of: str) -> pd.Series:
+    """One number a row: a column, or an expression over columns, as `100 * success`.
 
     Raises:
-        InputError: an unknown reference, or what `summarise` raises.
+        InputError: no such column, or not an expression.
     """
-    groups = _by_planner(rows)
-    reference = list(groups)[-1] if reference is None else reference
-    if reference not in groups:
-        raise InputError(f"reference: got {reference!r}, want one of {', '.join(groups)}")
-    common = sorted(
-        number
-        for number in groups[reference]
-        if all(group[number].status is Status.SOLVED for group in groups.values())
-    )
-    base = [groups[reference][number].moves for number in common]
-    paired = []
-    for planner, group in groups.items():
-        moves = [float(group[number].moves) for number in common]
-        difference = mean_interval([mine - theirs for mine, theirs in zip(moves, base, strict=True)])
-        spread, ratio = stdev(moves) if len(moves) > 1 else math.nan, ratio_interval(moves, base)
-        paired.append(Paired(planner, reference, len(common), mean_interval(moves), spread, difference, ratio))
-    return paired
+    try:
+        found = rows[of] if of in rows else rows.eval(of, engine="python")
+    except (KeyError, NameError, SyntaxError, ValueError, TypeError, AttributeError) as error:
+        raise InputError(f"of: {of!r}: {' '.join(str(error).split())}") from None
+    return pd.Series(found, rows.index).astype(float)
 
 
-def _by_planner(rows: Sequence[Row]) -> dict[str, dict[int, Row]]:
-    """The rows of each planner by instance number."""
-    if not rows:
-        raise InputError("rows: got none, want one or more")
-    groups: dict[str, dict[int, Row]] = {}
-    for row in rows:
-        group = groups.setdefault(row.planner, {})
-        if row.instance in group:
-            raise InputError(f"rows: {row.planner} has two rows of instance {row.instance}")
-        group[row.instance] = row
-    first, *others = groups
-    for planner in others:
-        if groups[planner].keys() != groups[first].keys():
-            raise InputError(f"rows: {planner} and {first} were run on different instances")
-    return groups
+def percent(rows: pd.DataFrame, of: str) -> Estimate:
+    """The percentage of the rows where a condition holds, with Wilson's interval."""
+    return estimates.share(int(values(rows, of).sum()), len(rows)).scaled(100)
 
 
-Table = list[list[str]]
-"""Header first; every row as long as the header."""
+def share(rows: pd.DataFrame, of: str) -> Estimate:
+    """As `percent`, without an interval."""
+    return Estimate(len(rows), 100 * values(rows, of).mean() if len(rows) else math.nan)
 
 
-def summary_table(summaries: Sequence[Summary]) -> Table:
-    """What `summarise` found, to read."""
-    header = [
-        "planner",
-        "instances",
-        "solved %",
-        "of solvable %",
-        "rearrangements",
-        "sd",
-        "p50 ms",
-        "p99 ms",
-        "timing",
-    ]
-    return [header] + [
-        [
-            one.planner,
-            str(one.instances),
-            _interval(one.success, 100, 1),
-            _interval(one.success_of_solvable, 100, 1),
-            _interval(one.moves, 1, 2),
-            _number(one.moves_sd, 2),
-            _number(one.planning_p50_ms, 2),
-            _number(one.planning_p99_ms, 2),
-            one.timing,
-        ]
-        for one in summaries
-    ]
+def solved_of_solvable(rows: pd.DataFrame) -> Estimate:
+    """The percentage that is solved, of the instances that some planner solves."""
+    return estimates.share(int(rows.solved.sum()), int(rows.solvable.sum())).scaled(100)
 
 
-def paired_table(paired: Sequence[Paired]) -> Table:
-    """What `compare` found, to read."""
-    reference = paired[0].reference
-    header = ["planner", "solved by all", "rearrangements", "sd", f"less {reference}", "change %"]
-    return [header] + [
-        [
-            one.planner,
-            str(one.instances),
-            _interval(one.moves, 1, 2),
-            _number(one.moves_sd, 2),
-            _interval(one.difference, 1, 2) if one.planner != reference else "",
-            f"{one.change_percent:+.1f}" if one.planner != reference and one.instances else "",
-        ]
-        for one in paired
-    ]
+def solved_of_decided(rows: pd.DataFrame) -> Estimate:
+    """As `solved_of_solvable`, but nan where an instance is neither solved nor proved unsolvable."""
+    return Estimate(int(rows.solvable.sum())) if rows.undecided.any() else solved_of_solvable(rows)
 
 
-def as_text(table: Table) -> str:
-    """Columns aligned with spaces: the first to the left, the others to the right."""
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = [
-        "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
-        for row in table
-    ]
-    rule = "  ".join("-" * width for width in widths)
-    return "\n".join(line.rstrip() for line in [lines[0], rule, *lines[1:]])
+def mean(rows: pd.DataFrame, of: str) -> Estimate:
+    """The mean, with its standard deviation and t interval."""
+    return estimates.mean(values(rows, of))
 
 
-def as_markdown(table: Table) -> str:
-    """A Markdown table, aligned like `as_text`."""
-    rule = ["---"] + ["---:"] * (len(table[0]) - 1)
-    return "\n".join("| " + " | ".join(row) + " |" for row in [table[0], rule, *table[1:]])
+def ratio(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """The ratio of two means over the same rows; rows where one of them is missing are left out."""
+    both = pd.DataFrame({"of": values(rows, of), "to": values(rows, to)}).dropna()
+    return estimates.ratio(both["of"], both["to"])
 
 
-def _interval(interval: Interval, scale: float, digits: int) -> str:
-    value = _number(scale * interval.value, digits)
-    if math.isnan(interval.low):
-        return value
-    return f"{value} [{_number(scale * interval.low, digits)}, {_number(scale * interval.high, digits)}]"
+def saved(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """By how many percent the mean of `of` is below that of `to`."""
+    found = ratio(rows, of, to)
+    # The fewer moves, the more saved: the ends of the interval change places.
+    mean, low, high = (100 * (1 - one) for one in (found.mean, found.high, found.low))
+    return Estimate(found.n, mean, low=low, high=high)
 
 
-def _number(value: float, digits: int) -> str:
-    """A number, or a dash where there is none."""
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+def difference(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """The mean of `of` less `to`, row by row, with its t interval."""
+    return estimates.difference(values(rows, of), values(rows, to))
+
+
+def over_optimum(rows: pd.DataFrame) -> Estimate:
+    """Rearrangements over the proved optimum's, on the instances that both solve."""
+    return ratio(rows[rows.solved & rows.optimum.notna()], "moves", "optimum")
+
+
+def average(rows: pd.DataFrame, of: str) -> Estimate:
+    """The mean alone."""
+    return Estimate(len(rows), float(values(rows, of).mean()) if len(rows) else math.nan)
+
+
+def median(rows: pd.DataFrame, of: str) -> Estimate:
+    """The median alone."""
+    return Estimate(len(rows), float(values(rows, of).median()) if len(rows) else math.nan)
+
+
+def percentiles(rows: pd.DataFrame, of: str) -> Estimate:
+    """The median, and as `high` the largest."""
+    found = values(rows, of)
+    return Estimate(int(found.count()), float(found.median()), low=float(found.min()), high=float(found.max()))
+
+
+def mean_and_range(rows: pd.DataFrame, of: str) -> Estimate:
+    """The mean, the lowest and the highest."""
+    return estimates.spread(values(rows, of))
+
+
+def total(rows: pd.DataFrame, of: str) -> Estimate:
+    """The sum."""
+    return Estimate(len(rows), float(values(rows, of).sum()))
+
+
+def count(rows: pd.DataFrame) -> Estimate:
+    """How many rows."""
+    return Estimate(len(rows), float(len(rows)))
+
+
+def first(rows: pd.DataFrame, of: str) -> Estimate:
+    """The value of the first row."""
+    return Estimate(1, float(values(rows, of).iloc[0]))
+
+
+def last(rows: pd.DataFrame, of: str) -> Estimate:
+    """The value of the last row."""
+    return Estimate(1, float(values(rows, of).iloc[-1]))
+
+
+def highest(rows: pd.DataFrame, of: str) -> Estimate:
+    """The highest value of any row."""
+    return Estimate(1, float(values(rows, of).max()))

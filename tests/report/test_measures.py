@@ -9,7 +9,7 @@ import pytest
 from dore.errors import InputError
 from dore.report.evaluation import Row, Timing
 from dore.report.intervals import mean_interval, percentile, ratio_interval, wilson
-from dore.report.measures import as_markdown, as_text, compare, paired_table, summarise, summary_table
+from dore.report.tables import as_markdown, as_text, compare, paired_table, summarise, summary_table
 from dore.world.plan import Status
 
 

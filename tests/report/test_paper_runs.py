@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from dore.report.evaluation import read_rows, write_rows
-from dore.report.measures import summarise
+from dore.report.tables import summarise
 from scripts.paper_metrics import SOLVED
 from scripts.paper_table import main
 from tests.commands import TINY, run

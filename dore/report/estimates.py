@@ -1,0 +1,101 @@
+"""Estimates with their 95 % intervals: shares, means, ratios, spreads and paired differences (scipy)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+CONFIDENCE = 0.95
+FEWEST = 4
+"""Fewer values than this have no interval: Student's t would say little else than how few they are."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value over `n` observations. sd: their standard deviation. low, high: an interval; nan where there is none."""
+
+    n: float = math.nan
+    mean: float = math.nan
+    sd: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    text: str = ""
+
+    def scaled(self, scale: float) -> Estimate:
+        """In another unit."""
+        return replace(self, mean=scale * self.mean, sd=scale * self.sd, low=scale * self.low, high=scale * self.high)
+
+    def over(self, divisor: float) -> Estimate:
+        """Its value alone over a number, without an interval."""
+        return Estimate(self.n, self.mean / divisor if divisor else math.nan)
+
+
+def share(hits: int, trials: int) -> Estimate:
+    """A share of 1 with its Wilson interval; nan without trials."""
+    if not trials:
+        return Estimate(0)
+    interval = stats.binomtest(int(hits), int(trials)).proportion_ci(CONFIDENCE, method="wilson")
+    # Rounding would leave the ends of "none" and "all" a hair away from 0 and 1.
+    low, high = 0.0 if hits == 0 else float(interval.low), 1.0 if hits == trials else float(interval.high)
+    return Estimate(trials, hits / trials, low=low, high=high)
+
+
+def mean(values: ArrayLike) -> Estimate:
+    """The mean, the standard deviation, and the t interval of the mean; no interval below `FEWEST` values."""
+    values = np.asarray(values, float)
+    if not len(values):
+        return Estimate(0)
+    centre, sd = float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else math.nan
+    if len(values) < FEWEST:
+        return Estimate(len(values), centre, sd)
+    half = float(stats.t.ppf((1 + CONFIDENCE) / 2, len(values) - 1)) * sd / math.sqrt(len(values))
+    return Estimate(len(values), centre, sd, centre - half, centre + half)
+
+
+def ratio(values: ArrayLike, base: ArrayLike) -> Estimate:
+    """The mean of `values` over the mean of `base`, pair by pair; nan where `base` sums to 0.
+
+    Source: the ratio estimator (Cochran, Sampling Techniques, 3rd ed., section 6.4): the spread is that of
+    value - ratio * base, so values that follow their base make it narrow.
+    """
+    values, base = np.asarray(values, float), np.asarray(base, float)
+    if not base.sum():
+        return Estimate(len(values))
+    centre = float(values.sum() / base.sum())
+    off = mean(values - centre * base)
+    return Estimate(
+        len(values), centre, low=centre + off.low / float(base.mean()), high=centre + off.high / float(base.mean())
+    )
+
+
+def difference(values: ArrayLike, base: ArrayLike) -> Estimate:
+    """The mean of value - base, pair by pair, with its t interval (the interval of the paired t test)."""
+    return mean(np.asarray(values, float) - np.asarray(base, float))
+
+
+def p_of_pairs(hits: ArrayLike, others: ArrayLike) -> float:
+    """McNemar's exact test: the chance that two planners of equal success differ by so much on the same instances."""
+    hits, others = np.asarray(hits, bool), np.asarray(others, bool)
+    won, lost = int((hits & ~others).sum()), int((others & ~hits).sum())
+    return float(stats.binomtest(won, won + lost, 0.5).pvalue) if won + lost else 1.0
+
+
+def spread(values: ArrayLike) -> Estimate:
+    """The mean of a few runs, their standard deviation, and the lowest and highest of them; nan is left out."""
+    every = np.asarray(values, float)
+    known = every[~np.isnan(every)]
+    if not len(known):
+        return Estimate(0)
+    sd = float(known.std(ddof=1)) if len(known) > 1 else math.nan
+    return Estimate(len(known), float(known.mean()), sd, float(known.min()), float(known.max()))
+
+
+def mean_of(estimates: list[Estimate]) -> Estimate:
+    """The mean of independent estimates, each with the same weight."""
+    half = math.hypot(*((one.high - one.low) / 2 for one in estimates)) / len(estimates)
+    centre = sum(one.mean for one in estimates) / len(estimates)
+    return Estimate(sum(one.n for one in estimates), centre, low=centre - half, high=centre + half)

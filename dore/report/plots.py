@@ -1,0 +1,252 @@
+"""The figures of a study: lines over columns, learning curves, and dots a row, in one style."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+
+from dore.draw import style
+from dore.draw.style import FAINT, INK
+from dore.errors import InputError
+from dore.report.frame import Source
+
+Spec = Mapping[str, Any]
+COLOURS = {name.lower(): getattr(style, name) for name in ("RED", "GREEN", "BLUE", "OCHRE", "PURPLE", "INK", "FAINT")}
+DASHES = (0, (4, 3))
+SHORT = FuncFormatter(lambda x, _: f"{x / 1e6:g}M" if x >= 1e6 else f"{x / 1e3:g}k" if x >= 1e3 else f"{x:g}")
+"""1000 as 1k, so that large numbers do not touch each other."""
+
+
+def draw(path: Path, spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> None:
+    """Write a study's figure as PNG; one that a program draws, or whose runs are not there, stays as it is.
+
+    Raises:
+        InputError: a kind that is not known.
+    """
+    kind = spec.get("kind")
+    if kind is None:
+        return
+    if kind not in KINDS:
+        raise InputError(f"figures: kind {kind!r}, want one of {', '.join(KINDS)}")
+    figure = KINDS[kind](spec, cells, sources)
+    if figure is not None:
+        style.save_png(figure, path)
+
+
+def panels(count: int, across: int, width: float, height: float, share: bool = False) -> tuple[Figure, list[Axes]]:
+    """A figure and its panels; those that are too many are not shown."""
+    across = min(across, count)
+    down = -(-count // across)
+    figure = Figure((width * across + 0.6, height * down + 0.8), facecolor="white", layout="constrained")
+    axes = list(figure.subplots(down, across, squeeze=False, sharex=share, sharey=share).flat)
+    for one in axes[count:]:
+        one.set_visible(False)
+    return figure, axes[:count]
+
+
+def finish(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
+    """Names, grid and ticks, the same in all figures."""
+    axes.set_title(title, fontsize=9, color=INK)
+    axes.set_xlabel(x, fontsize=9, color=INK)
+    axes.set_ylabel(y, fontsize=9, color=INK)
+    style.plain(axes)
+    axes.set_axisbelow(True)
+
+
+def legend(figure: Figure, axes: Sequence[Axes], across: int) -> None:
+    """One legend for all panels, below them."""
+    shown: dict[Any, Any] = {}
+    for one in axes:
+        handles, labels = one.get_legend_handles_labels()
+        shown |= dict(zip(labels, handles, strict=True))
+    look: dict[str, Any] = {
+        "loc": "outside lower center",
+        "ncols": across,
+        "fontsize": 8,
+        "frameon": False,
+        "labelcolor": INK,
+    }
+    figure.legend(list(shown.values()), list(shown), **look)
+
+
+def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
+    """A panel a metric: rows as lines over numeric columns, with their intervals; the paper's dashed, with their sd."""
+    figure, axes = panels(len(spec["panels"]), 3, 4.8, 3.8)
+    for one, panel in zip(axes, spec["panels"], strict=True):
+        mine = cells[(cells.metric == panel["metric"]) & cells["mean"].notna()].copy()
+        if "rows" in panel:
+            mine = mine[mine["row"].str.contains(panel["rows"])]
+        mine["x"] = mine.column.str.extract(r"^([\d.]+)(?: %)?$", expand=False).astype(float)
+        mine = mine[mine.x.notna()]
+        styles = _styles(spec, list(dict.fromkeys(mine["row"])))
+        for place, (row, line) in enumerate(mine.groupby("row", sort=False)):
+            _line(one, str(row), line, styles[str(row)], place)
+        if panel.get("log"):
+            one.set_yscale("log")
+            one.set_ylim(bottom=0.5 * mine["mean"].min())
+        elif "bottom" in panel:
+            one.set_ylim(bottom=panel["bottom"])
+        finish(one, x=spec.get("x", ""), y=panel.get("y", panel["metric"]))
+        one.xaxis.set_major_locator(MaxNLocator(integer=True))
+        if "mark" in panel:
+            one.axvline(panel["mark"]["at"], color=FAINT, lw=1, ls=(0, (1, 3)))
+            at, text = (panel["mark"]["at"], 1.01), panel["mark"]["text"]
+            one.annotate(text, at, xycoords=("data", "axes fraction"), ha="center", fontsize=7.5, color=FAINT)
+    legend(figure, axes, 3 if len(axes) == 1 else 4)
+    return figure
+
+
+def _styles(spec: Spec, rows: Sequence[str]) -> dict[str, tuple[Any, Any]]:
+    """Colour and line of each row: those that the study names, or a colour a size and a line a planner."""
+    if "colours" in spec:
+        return {row: (COLOURS[spec["colours"].get(row, "faint")], DASHES if _is_papers(row) else "-") for row in rows}
+    heads = list(dict.fromkeys(row.rpartition(", ")[0] for row in rows))
+    colours = dict(zip(heads, colormaps["viridis"](np.linspace(0.0, 0.9, len(heads))), strict=True))
+    tails = list(dict.fromkeys(row.rpartition(", ")[2] for row in rows))
+    return {
+        row: (colours[(parts := row.rpartition(", "))[0]], ("-", DASHES)[tails.index(parts[2]) % 2]) for row in rows
+    }
+
+
+def _is_papers(row: str) -> bool:
+    return row.startswith("paper")
+
+
+def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place: int) -> None:
+    colour, dashes = look
+    if _is_papers(row):
+        # Two rows of the paper stand a little apart, so that their bars do not overlap.
+        x = line.x + 0.12 * (place - 0.5)
+        axes.errorbar(
+            x, line["mean"], line.sd, color=colour, lw=1, ls=dashes, elinewidth=0.8, capsize=2, marker="o", ms=4,
+            mfc="white", label=f"{row} (sd)",
+        )  # fmt: skip
+        return
+    axes.plot(line.x, line["mean"], color=colour, lw=1.4, ls=dashes, marker="o", ms=3, label=row)
+    axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.18, lw=0)
+
+
+def _curves(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:
+    """A panel a value of `by`: each series' success over `x`; several runs as their mean and a band over all."""
+    frames = [(one, _of_series(one, sources)) for one in spec["series"]]
+    frames = [(one, rows) for one, rows in frames if not rows.empty]
+    if not frames:
+        return None
+    titles = list(dict.fromkeys(title for _, rows in frames for title in rows[spec["by"]]))
+    titles = [one for one in spec.get("titles", titles) if one in titles]
+    figure, axes = panels(len(titles), 3, 3.6, 2.9, share=bool(spec.get("share")))
+    for one, title in zip(axes, titles, strict=True):
+        finish(one, spec.get("titles", {}).get(title, title), spec["x_label"], spec["y_label"])
+        one.set_ylim(0, 103)
+        for series, rows in frames:
+            here = rows[rows[spec["by"]] == title]
+            if not here.empty:
+                _curve(one, series, here, spec)
+        if spec.get("log"):
+            one.set_xscale("log")
+            one.xaxis.set_minor_formatter(NullFormatter())
+        one.xaxis.set_major_formatter(SHORT)
+    legend(figure, axes, 5)
+    return figure
+
+
+def _of_series(series: Spec, sources: Mapping[str, Source]) -> pd.DataFrame:
+    rows = sources[series["from"]].rows
+    return rows.query(series["where"]) if "where" in series and not rows.empty else rows
+
+
+def _curve(axes: Axes, series: Spec, rows: pd.DataFrame, spec: Spec) -> None:
+    colour, known = COLOURS[series["colour"]], rows[rows[spec["x"]].notna()]
+    if "level" in series:
+        level = float(rows[series["level"]].iloc[0])
+        axes.axhline(level, color=colour, lw=1, ls=DASHES, label=series["level_label"])
+    if "end" in series:
+        axes.set_xlim(0, float(rows[series["end"]].iloc[-1]))
+    if known.empty:
+        return
+    runs = [one for _, one in known.groupby(series["over"])] if "over" in series else [known]
+    x, low, mean, high = band([(one[spec["x"]].to_numpy(), _success(one, spec)) for one in runs])
+    marker = "o" if len(x) < 30 else ""
+    axes.plot(x, mean, color=colour, lw=1, marker=marker, ms=2.5, label=series["label"])
+    if len(runs) > 1:
+        axes.fill_between(x, low, high, color=colour, alpha=0.2, lw=0)
+    if "ticks" in series:
+        every = float(rows[series["ticks"]].iloc[0])
+        copies = np.arange(every, x[-1], every)
+        axes.plot(copies, np.full(len(copies), 1.5), "|", color=FAINT, ms=5, mew=0.8)
+
+
+def _success(rows: pd.DataFrame, spec: Spec) -> np.ndarray:
+    return np.asarray(rows.eval(spec["y"], engine="python"), float)
+
+
+def band(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, ...]:
+    """x, and the lowest, mean and highest y of several runs there, as far as all of them go.
+
+    Runs are tested at different x; between two tests y is taken as a straight line.
+    """
+    first, last = max(x[0] for x, _ in runs), min(x[-1] for x, _ in runs)
+    at = np.unique([*(one for x, _ in runs for one in x if first <= one <= last), last])
+    values = np.array([np.interp(at, x, y) for x, y in runs])
+    return at, values.min(0), values.mean(0), values.max(0)
+
+
+def _dots(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
+    """A panel a metric: a dot a row, with its range; the first row of each kind as a dashed line down to the next."""
+    figure, axes = panels(len(spec["metrics"]), 2, 5.2, 0.3 * max(cells.groupby("metric")["row"].nunique()) + 0.6)
+    for one, metric in zip(axes, spec["metrics"], strict=True):
+        mine = cells[(cells.metric == metric) & (cells.column == spec["column"])].reset_index(drop=True)
+        kinds = mine["row"].str.partition(": ")[0]
+        colours = dict(zip(dict.fromkeys(kinds), (COLOURS["blue"], COLOURS["red"]), strict=False))
+        for kind, line in mine.groupby(kinds, sort=False):
+            colour = colours[str(kind)]
+            one.hlines(line.index, line.low, line.high, color=colour, lw=1.4)
+            one.plot(line["mean"], line.index, "o", mfc="white", mec=colour, ms=6)
+            one.plot(
+                [line["mean"].iloc[0]] * 2, [line.index[0], line.index[-1]], color=colour, lw=1, ls=DASHES, zorder=0
+            )
+        finish(one, metric, spec["x"])
+        one.set_yticks(range(len(mine)), list(mine["row"]))
+        one.invert_yaxis()
+    return figure
+
+
+def _heat(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
+    """A panel a metric: numbers over rows and columns, as colours and written; a marked cell has a frame."""
+    figure, axes = panels(len(spec["panels"]), 2, 4.6, 3.6)
+    for one, panel in zip(axes, spec["panels"], strict=True):
+        mine = cells[cells.metric == panel["metric"]]
+        wide = mine.pivot(index="row", columns="column", values="mean")
+        wide = wide[sorted(wide, key=_leading)].loc[sorted(wide.index, key=_leading)]
+        one.imshow(wide, origin="lower", aspect="auto", cmap="viridis_r", vmin=0.0, vmax=spec["most"])
+        for (row, column), value in np.ndenumerate(wide.to_numpy()):
+            ink = "white" if value > 0.45 * spec["most"] else INK
+            one.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8, color=ink)
+        finish(one, panel.get("title", panel["metric"]), spec["x"], spec["y"])
+        one.grid(visible=False)
+        one.set_xticks(range(wide.shape[1]), list(wide))
+        one.set_yticks(range(wide.shape[0]), list(wide.index))
+    return figure
+
+
+def _leading(text: str) -> float:
+    """The number that a name begins with."""
+    found = re.match(r"[\d.]+", text)
+    return float(found[0]) if found else float("inf")
+
+
+KINDS: dict[str, Callable[[Spec, pd.DataFrame, Mapping[str, Source]], Figure | None]] = {
+    "lines": _lines,
+    "curves": _curves,
+    "dots": _dots,
+    "heat": _heat,
+}

@@ -1,0 +1,77 @@
+"""The files of a results page: NAME.md, NAME.csv, NAME.json and the pictures, from runs or from committed cells."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dore.errors import InputError
+from dore.files import atomic_write
+from dore.report import page, plots
+from dore.report.frame import Source, read_cells, read_json, write_cells
+from dore.report.study import cells_of, facts_of, sources_of
+
+Spec = Mapping[str, Any]
+
+
+def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
+    """Write a study's page; the Markdown file's path.
+
+    Where there are runs, cells and facts are made from them and written; else the committed ones are shown.
+
+    Args:
+        root: the folder of the runs; None: the study's own, if there is one.
+        results: the folder of the page.
+
+    Raises:
+        InputError: no such folder, no runs in a folder that was named, or no committed cells.
+    """
+    sources, cells, facts = read(spec, name, root, results)
+    results.mkdir(parents=True, exist_ok=True)
+    if _has_runs(sources):
+        write_cells(results / f"{name}.csv", cells)
+        with atomic_write(results / f"{name}.json") as file:
+            json.dump(facts, file, indent=2)
+            file.write("\n")
+    text = page.render(spec, cells, facts, sources)
+    for figure in spec.get("figures", []):
+        plots.draw(results / figure["file"], figure, cells, sources)
+    with atomic_write(results / f"{name}.md") as file:
+        file.write(text)
+    return results / f"{name}.md"
+
+
+def read(
+    spec: Spec, name: str, root: Path | None, results: Path
+) -> tuple[dict[str, Source], pd.DataFrame, dict[str, Any]]:
+    """The sources, cells and facts of a study; raises what `write` raises."""
+    if root is not None and not root.is_dir():
+        raise InputError(f"folder: {root} is no folder, want that of the study's runs")
+    sources = sources_of(spec, root or Path(spec.get("folder", "outputs")), results)
+    facts_file = results / f"{name}.json"
+    known = read_json(facts_file) if facts_file.exists() else {}
+    if _has_runs(sources):
+        return sources, cells_of(spec, sources), facts_of(spec, sources)
+    if root is not None:
+        wanted = ", ".join(
+            source[kind] for source in spec.get("sources", {}).values() for kind in source if kind in KINDS
+        )
+        raise InputError(f"folder: no run in {root}, want some like {wanted}")
+    if _tables(sources):
+        return sources, cells_of(spec, sources), known | facts_of(spec, sources)
+    return sources, read_cells(results / f"{name}.csv"), known
+
+
+KINDS = ("evaluations", "trainings")
+
+
+def _has_runs(sources: Mapping[str, Source]) -> bool:
+    return any(not source.runs.empty and "file" not in source.runs for source in sources.values())
+
+
+def _tables(sources: Mapping[str, Source]) -> bool:
+    return any("file" in source.runs for source in sources.values())

@@ -1,0 +1,74 @@
+"""Run folders as the commands leave them, made by hand."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import hydra
+import yaml
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
+
+from dore.files import conf_dir
+from dore.report.evaluation import Row, Timing, write_rows
+from dore.world.plan import Status
+
+NO_PLAN = 0
+ABOUT = {"commit": "abc1234", "versions": {"torch": "2.0"}}
+
+
+def study(name: str) -> dict[str, Any]:
+    """A study of conf/study."""
+    GlobalHydra.instance().clear()
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        cfg = hydra.compose("report", [f"study={name}"])
+    found: dict[str, Any] = OmegaConf.to_container(cfg.study, resolve=True)  # type: ignore[assignment]
+    return found
+
+
+def rows_of(
+    planner: str, *moves: int | None, seconds: Sequence[float] = (), reason: str = "move budget", z: int = 3
+) -> list[Row]:
+    """A row an instance: its moves, None for a planner that gave up, NO_PLAN for a proof that there is no plan."""
+    status = {None: Status.GAVE_UP, NO_PLAN: Status.UNSOLVABLE}
+    seconds = seconds or (0.5,) * len(moves)
+    return [
+        Row(
+            planner,
+            n,
+            36,
+            z,
+            status.get(m, Status.SOLVED),
+            "" if m else reason,
+            m or 0,
+            seconds[n - 1],
+            0,
+            Timing.SINGLE,
+        )
+        for n, m in enumerate(moves, 1)
+    ]
+
+
+def evaluation(folder: Path, rows: Sequence[Row], **config: Any) -> None:
+    """An evaluation that is done."""
+    folder.mkdir(parents=True)
+    write_rows(folder / "rows.csv", rows)
+    _about(folder, {"reach": {"clearance_m": 0.142}, "split": "test", "instances": {"seed": 0}} | config)
+
+
+def training(folder: Path, *tests: Sequence[float], done: Mapping[str, Any] | None = None, **config: Any) -> None:
+    """A training that has ended; a test is episodes, seconds, success, updates, rearrangements."""
+    folder.mkdir(parents=True)
+    lines = ["episodes,seconds,success,updates,rearrangements", *(",".join(map(str, one)) for one in tests)]
+    (folder / "metrics.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    end = {"episodes": 900, "updates": 7, "seconds": 120.0, "best_success": 0.97, "ending": "budget"} | (done or {})
+    (folder / "done.json").write_text(json.dumps(end), encoding="utf-8")
+    _about(folder, {"seed": 0, "training": {"max_episodes": 1800, "max_minutes": 1}} | config)
+
+
+def _about(folder: Path, config: Mapping[str, Any]) -> None:
+    (folder / "config.yaml").write_text(yaml.safe_dump(dict(config)), encoding="utf-8")
+    (folder / "about.json").write_text(json.dumps(ABOUT), encoding="utf-8")
