@@ -21,12 +21,13 @@ import gymnasium as gym
 import torch
 
 from dore.app import build
-from dore.app.execute import stage_of
+from dore.app.execute import setup_of
 from dore.files import atomic_write, commit
 from dore.report.tables import Table, as_markdown
 from dore.sim.motion.collision import CollisionChecker
 from dore.sim.motion.kinematics import ArmKinematics
-from dore.sim.run.open_loop import execute
+from dore.sim.run.execution import execute
+from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.setup import CONTROL_S
 from dore.world.plan import PlanFile
 from dore.world.problem import Batch, Problem, Scene
@@ -107,19 +108,19 @@ def _carry_out(scenes: list[Scene]) -> Timing:
     for name, (owner, method) in PARTS.items():
         setattr(owner, method, _timed(getattr(owner, method), name, parts))
     cfg = composed(("planner=exact",))
-    stage = stage_of(cfg, film=False)
+    setup = setup_of(cfg, film=False)
     reach = build.reach_of(cfg, "cpu")
     planner, seconds = build.planner_of(cfg, reach), []
     plans = [
         PlanFile(problem, planner.plan(Batch.of(problem))[0]) for problem in (Problem(scene, reach) for scene in scenes)
     ]
     with TemporaryDirectory() as folder:
-        execute(plans[0], stage, Path(folder))
+        execute(OpenLoop(plans[0]), setup, Path(folder))
         parts.update(dict.fromkeys(PARTS, 0.0))
         globals()["_start"].wait()
         for plan_file in plans:
             began = time.perf_counter()
-            report = execute(plan_file, stage, Path(folder))
+            report = execute(OpenLoop(plan_file), setup, Path(folder))
             seconds.append(time.perf_counter() - began)
             steps += round(report.simulated_s / CONTROL_S)
     return Timing(seconds, steps, parts)

@@ -21,20 +21,18 @@ from omegaconf import DictConfig
 from tqdm import tqdm
 
 from dore.app import build
-from dore.app.execute import loop_of, planner_of, stage_of
+from dore.app.execute import closed_loop_of, open_loop_of, setup_of
 from dore.configure import make
 from dore.errors import InputError, whole
 from dore.files import atomic_write, conf_dir
 from dore.planners.label import label
-from dore.sim.config import preset
-from dore.sim.run.closed_execution import execute_closed
-from dore.sim.run.open_loop import execute
+from dore.sim.run.execution import execute
 from dore.sim.run.setup import REPORT_NAME
 from dore.sim.scene.agent import render_backend
-from dore.sim.vision.camera import Eye
+from dore.sim.vision.camera import RgbdCamera
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
-from dore.world.plan import PlanFile, Status
+from dore.world.plan import Status
 from dore.world.problem import Problem, Scene
 
 ARGUMENTS = "arguments.json"
@@ -73,7 +71,7 @@ def _arguments(given: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--solved-by", default="exact", help="planners that must have a plan for a scene")
     parser.add_argument("--candidates", type=int, help="how many scenes these are looked for in; 4 times --runs")
     parser.add_argument("--loop", default="open", choices=["open", "closed"])
-    parser.add_argument("--disturbance", default="none", help="none, moved, slip, stranger, or mixed: each in turn")
+    parser.add_argument("--disturbance", default="none", help="none, moved, slip, intruder, or mixed: each in turn")
     parser.add_argument("--seed", type=int, default=7, help="of the scenes")
     parser.add_argument("--workers", type=int, default=2, help="executions at a time")
     parser.add_argument("--set", action="append", default=[], help="a further override of dore-execute")
@@ -117,7 +115,7 @@ def composed(overrides: tuple[str, ...]) -> DictConfig:
 
 
 def _jobs(chosen: argparse.Namespace, obstacles: int) -> list[Job]:
-    kinds = ["moved", "slip", "stranger"] if chosen.disturbance == "mixed" else [chosen.disturbance]
+    kinds = ["moved", "slip", "intruder"] if chosen.disturbance == "mixed" else [chosen.disturbance]
     scenes = solvable_scenes(
         chosen.solved_by.split(","), obstacles, chosen.runs, chosen.candidates or 4 * chosen.runs, chosen.seed
     )
@@ -155,10 +153,10 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
 def _keep_rendering() -> None:
     """One environment stays open in each process: without any, the next one compiles its shaders again, 10 s."""
     cfg = composed(())
-    stage, eye = stage_of(cfg, film=False), preset("eye/kinect")
-    env = stage.environment(make(cfg.layout, "layout"), stage.bodies(1), render_backend(), eye=eye)
+    setup = setup_of(cfg, film=False)
+    env = setup.environment(make(cfg.layout, "layout"), setup.bodies(1), render_backend())
     env.reset(options={"cells": [0]})
-    Eye(eye, 0).look(env)
+    RgbdCamera(env, seed=0).look()
     _KEPT.append(env)
 
 
@@ -166,13 +164,10 @@ def _carry_out(job: Job) -> None:
     """One execution, in a process of its own, on one thread."""
     torch.set_num_threads(1)
     cfg = composed(job.overrides)
-    stage, reach = stage_of(cfg, film=False), build.reach_of(cfg, "cpu", job.scene.layout)
+    problem = Problem(job.scene, build.reach_of(cfg, "cpu", job.scene.layout))
     shutil.rmtree(job.folder, ignore_errors=True)
-    if cfg.loop == "closed":
-        execute_closed(job.scene, loop_of(cfg, reach), stage, job.folder)
-    else:
-        _, plan = planner_of(cfg, reach)
-        execute(PlanFile(Problem(job.scene, reach), plan(job.scene)), stage, job.folder)
+    loop = (closed_loop_of if cfg.loop == "closed" else open_loop_of)(cfg, problem)
+    execute(loop, setup_of(cfg, film=False), job.folder)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ from omegaconf import OmegaConf
 from torch import Tensor
 
 from dore.sim.config import ArmConfig, ObjectConfig, preset
-from dore.sim.motion.arm_reach import arm_reach, follow_lane
-from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Contact, Standing
+from dore.sim.motion.arm_reach import arm_reach, follow_corridor
+from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Contact, Held, Standing
 from dore.sim.motion.frames import Array
 from dore.sim.motion.kinematics import ArmKinematics, Unreachable
 from dore.sim.scene.urdf import arm_files
@@ -65,7 +65,7 @@ class Surveyor:
         """One lane, the objects on other cells too if `others`."""
         direction = float(self.reach.sectors_deg[sector])
         try:
-            along, into, out = follow_lane(self.kinematics, self._ready, self.layout.cells[cell], direction)
+            along, into, out = follow_corridor(self.kinematics, self._ready, self.layout.cells[cell], direction)
         except (Unreachable, ValueError) as error:
             return Found(str(error))
         contact = self._alone(cell, along, into, out)
@@ -77,7 +77,7 @@ class Surveyor:
         return Found(
             "",
             empty=frozenset(self._checker.touched(into, rest)),
-            loaded=frozenset(self._checker.touched(out, rest, held=cell)),
+            loaded=frozenset(self._checker.touched(out, rest, held=Held(cell))),
         )
 
     def _alone(self, cell: int, along: Array, into: Array, out: Array) -> Contact | None:
@@ -85,7 +85,7 @@ class Surveyor:
         return (
             check(along, self._all, reached_for=cell)
             or check(into, {cell: self._all[cell]}, reached_for=cell)
-            or check(out, {}, held=cell)
+            or check(out, {}, held=Held(cell))
         )
 
 

@@ -91,8 +91,8 @@ def _page(
         "are as wide as the widest that is drawn, however it is turned.",
         "",
         f"The open hand is {1e3 * half_hand_m:.1f} mm to either side; the rule's clearance is "
-        f"{1e3 * reach.clearance_m:g} mm, of which {1e3 * arm.lane_margin_m:g} mm are margin. Objects were touched up "
-        f"to {widest} from a lane's line, so much clearance is needed.",
+        f"{1e3 * reach.clearance_m:g} mm, of which {1e3 * arm.corridor_margin_m:g} mm are margin. Objects were touched "
+        f"up to {widest} from a lane's line, so much clearance is needed.",
         "",
         f"![The lanes, and how far from a lane objects are touched]({name}.png)",
         "",

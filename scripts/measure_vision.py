@@ -10,7 +10,6 @@ import argparse
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 
@@ -24,12 +23,12 @@ from dore.report.intervals import percentile, wilson
 from dore.report.tables import Table, as_markdown
 from dore.sim.config import preset
 from dore.sim.scene.agent import render_backend
-from dore.sim.vision.camera import Eye
-from dore.sim.vision.camera_config import EyeConfig
-from dore.sim.vision.perception import sightings
+from dore.sim.vision.camera import RgbdCamera, rendered
+from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.vision.perception import detections
 from dore.world.layout import Layout
 from scripts.vision_figure import draw
-from scripts.vision_scenes import JITTER_M, OBSTACLES, Score, is_told, lay_down, random_setup, standing
+from scripts.vision_scenes import JITTER_M, OBSTACLES, Score, lay_down, random_arrangement, reports_lying, standing
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 _FEW_OBSTACLES = 6
@@ -42,14 +41,14 @@ def main(arguments: list[str] | None = None) -> None:
     torch.set_num_threads(1)
     if render_backend() == "none":
         raise SystemExit("error: no Vulkan driver here, so nothing can be seen; see scripts/install_lavapipe.sh")
-    eye: EyeConfig = preset(f"eye/{chosen.eye}")
+    camera: CameraConfig = preset(f"camera/{chosen.camera}")
     started = time.perf_counter()
     chosen.report.parent.mkdir(parents=True, exist_ok=True)
     # A renderer compiles its shaders anew once no other is left: this one stays.
-    with standing(random_setup(LAYOUT, np.random.default_rng(chosen.seed)), eye) as env:
-        Eye(eye, chosen.seed).frame(env)
-        scores = upright_scenes(eye, chosen.scenes, chosen.seed, chosen.report.with_suffix(".png"))
-        told = lying_scenes(eye, chosen.lying, chosen.seed)
+    with standing(random_arrangement(LAYOUT, np.random.default_rng(chosen.seed)), camera) as env:
+        rendered(env)
+        scores = upright_scenes(camera, chosen.scenes, chosen.seed, chosen.report.with_suffix(".png"))
+        told = lying_scenes(camera, chosen.lying, chosen.seed)
     page = _page(chosen, scores, told, time.perf_counter() - started)
     print(page)
     with atomic_write(chosen.report.with_suffix(".md")) as file:
@@ -61,7 +60,7 @@ def _arguments(given: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--scenes", type=int, default=200, help="with all objects upright")
     parser.add_argument("--lying", type=int, default=40, help="scenes with one object lying down")
     parser.add_argument("--seed", type=int, default=1, help="of scenes and noise; settings were chosen on seed 0")
-    parser.add_argument("--eye", default="kinect", help="which of conf/eye")
+    parser.add_argument("--camera", default="kinect", help="which of conf/camera")
     parser.add_argument("--report", type=Path, required=True, help="the page and its picture, without suffix")
     chosen = parser.parse_args(given)
     try:
@@ -73,35 +72,35 @@ def _arguments(given: list[str] | None) -> argparse.Namespace:
     return chosen
 
 
-def upright_scenes(eye: EyeConfig, count: int, seed: int, picture: Path) -> dict[str, Score]:
+def upright_scenes(camera: CameraConfig, count: int, seed: int, picture: Path) -> dict[str, Score]:
     """A score for noisy depth, and one for exact depth, on the same scenes; draws the first noisy one."""
     scores = {"kinect": Score(), "none": Score()}
     for index in trange(count, desc="upright", file=sys.stderr):
-        setup = random_setup(LAYOUT, np.random.default_rng([seed, 0, index]))
-        with standing(setup, eye) as env:
+        placed = random_arrangement(LAYOUT, np.random.default_rng([seed, 0, index]))
+        with standing(placed, camera) as env:
             for noise, score in scores.items():
                 started = time.perf_counter()
-                frame = Eye(replace(eye, noise=noise), seed=index).frame(env)
+                frame = RgbdCamera(env, seed=index).frame() if noise == "kinect" else rendered(env)
                 taken = time.perf_counter()
-                seen = sightings(frame, LAYOUT, eye)
+                seen = detections(frame, LAYOUT, camera)
                 score.frame_s.append(taken - started)
                 score.reading_s.append(time.perf_counter() - taken)
-                score.add(setup, seen)
+                score.add(placed, seen)
                 if index == 0 and noise == "kinect":
                     with atomic_write(picture, "wb") as file:
-                        draw(file, frame, seen, setup)
+                        draw(file, frame, seen, placed)
     return scores
 
 
-def lying_scenes(eye: EyeConfig, count: int, seed: int) -> list[bool]:
+def lying_scenes(camera: CameraConfig, count: int, seed: int) -> list[bool]:
     """Whether a lying object was told, scene by scene, with noise; scenes without room for one are left out."""
     told: list[bool] = []
     for index in trange(10 * count, desc="lying", total=count, file=sys.stderr):
         rng = np.random.default_rng([seed, 1, index])
-        setup = random_setup(LAYOUT, rng, most=_FEW_OBSTACLES)
-        with standing(setup, eye) as env:
-            if lay_down(env, setup, rng):
-                told.append(is_told(Eye(eye, seed=index).look(env), LAYOUT))
+        placed = random_arrangement(LAYOUT, rng, most=_FEW_OBSTACLES)
+        with standing(placed, camera) as env:
+            if lay_down(env, placed, rng):
+                told.append(reports_lying(RgbdCamera(env, seed=index).look(), LAYOUT))
         if len(told) == count:
             return told
     raise RuntimeError(f"only {len(told)} of {count} scenes have room for a lying object")
@@ -113,7 +112,7 @@ def _page(chosen: argparse.Namespace, scores: dict[str, Score], told: list[bool]
         "# What the camera sees",
         "",
         f"`scripts/measure_vision.sh`, commit {commit()}, seed {chosen.seed} (settings were chosen on seed 0), "
-        f"`eye={chosen.eye}`, {render_backend()} rendering; {seconds:.0f} s on one core.",
+        f"`camera={chosen.camera}`, {render_backend()} rendering; {seconds:.0f} s on one core.",
         "",
         f"{chosen.scenes} random scenes on 3 x 6 cells of 12 cm, {OBSTACLES[0]} to {OBSTACLES[1]} obstacles and the "
         f"target, cuboids and cans mixed (`objects=mixed`), up to {100 * JITTER_M:g} cm from the middle of their cells "

@@ -1,4 +1,4 @@
-"""The camera's picture: a frame with the sightings drawn over it, beside the board as they make it."""
+"""The camera's picture: a frame with the detections drawn over it, beside the board as they make it."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 from dore.draw.board_art import FAINT, INK, OBSTACLE, TARGET
 from dore.sim.motion.frames import Array
 from dore.sim.vision.perception import Frame
-from dore.sim.vision.scene_estimate import Sighting, cell_of
+from dore.sim.vision.scene_estimate import Detection, cell_of
 from dore.world.layout import Layout
 from dore.world.problem import cell_id
-from scripts.vision_scenes import Setup
+from scripts.vision_scenes import Arrangement
 
 DPI = 160
 _TRUTH = "#1f3a93"
 
 
-def draw(file: IO[bytes], frame: Frame, seen: Sequence[Sighting], setup: Setup) -> None:
+def draw(file: IO[bytes], frame: Frame, seen: Sequence[Detection], placed: Arrangement) -> None:
     """Write the PNG."""
     figure = Figure((13.2, 3.6), facecolor="white", layout="constrained")
     shown, measured, board = figure.subplots(1, 3, width_ratios=(1, 1, 1.25))
@@ -38,8 +38,8 @@ def draw(file: IO[bytes], frame: Frame, seen: Sequence[Sighting], setup: Setup) 
         axes.set_xticks([])
         axes.set_yticks([])
     for one in seen:
-        _outline(shown, frame, one, setup.layout)
-    _board(board, seen, setup)
+        _outline(shown, frame, one, placed.layout)
+    _board(board, seen, placed)
     figure.savefig(file, format="png", dpi=DPI)
 
 
@@ -60,7 +60,7 @@ def _pixels(frame: Frame, points: Array) -> Array:
     return np.asarray(seen[:, :2] / seen[:, 2:] - 0.5)
 
 
-def _outline(axes: Axes, frame: Frame, one: Sighting, layout: Layout) -> None:
+def _outline(axes: Axes, frame: Frame, one: Detection, layout: Layout) -> None:
     """The outline of the top face, and the cell's id on it."""
     edge = _footprint(one.half_width_m, one.yaw_rad, one.shape == "cylinder") + one.xy
     pixels = _pixels(frame, np.column_stack([edge, np.full(len(edge), one.height_m)]))
@@ -71,16 +71,16 @@ def _outline(axes: Axes, frame: Frame, one: Sighting, layout: Layout) -> None:
     axes.text(*pixels[:-1].mean(0), text, fontsize=8, color="white", weight="bold", ha="center", va="center_baseline")
 
 
-def _board(axes: Axes, seen: Sequence[Sighting], setup: Setup) -> None:
+def _board(axes: Axes, seen: Sequence[Detection], placed: Arrangement) -> None:
     """The cells from above, the robot below; what was seen filled, the truth as thin outlines."""
-    layout, half = setup.layout, setup.layout.cell_m / 2
+    layout, half = placed.layout, placed.layout.cell_m / 2
     for cell, (x, y) in enumerate(layout.cells):
         axes.add_patch(Rectangle((-y - half, x - half), 2 * half, 2 * half, facecolor="#f6f6f4", edgecolor="#d4d5d8"))
         axes.text(-y - 0.92 * half, x + 0.9 * half, str(cell_id(cell)), fontsize=7, color=FAINT, va="top")
     for one in seen:
         outline = (_footprint(one.half_width_m, one.yaw_rad, one.shape == "cylinder") + one.xy) @ [[0, 1], [-1, 0]]
         axes.add_patch(Polygon(outline, facecolor=TARGET if one.is_target else OBSTACLE, edgecolor="none"))
-    for body, xy, yaw in zip(setup.bodies, setup.xy, setup.yaws_rad, strict=True):
+    for body, xy, yaw in zip(placed.bodies, placed.xy, placed.yaws_rad, strict=True):
         outline = (_footprint(body.half_width_m, float(yaw), body.shape == "cylinder") + xy) @ [[0, 1], [-1, 0]]
         axes.add_patch(Polygon(outline, fill=False, edgecolor=_TRUTH, lw=0.9))
     near, far = layout.centres.numpy().min(0) - half, layout.centres.numpy().max(0) + half

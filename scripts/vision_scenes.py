@@ -16,8 +16,8 @@ import dore.sim.scene.task  # noqa: F401  (registers the environment)
 from dore.sim.config import Body, preset
 from dore.sim.motion.frames import Array
 from dore.sim.scene.agent import render_backend
-from dore.sim.vision.camera_config import EyeConfig
-from dore.sim.vision.scene_estimate import NotUnderstood, Sighting, Why, cell_of, scene_of
+from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Why, cell_of, estimate
 from dore.world.layout import Layout
 from dore.world.problem import Scene
 
@@ -27,7 +27,7 @@ _FOUND_WITHIN_M = 0.03
 
 
 @dataclass(frozen=True)
-class Setup:
+class Arrangement:
     """What stands where, the target first: cells from 0, offsets Float64[N, 2] in metres, yaws Float64[N]."""
 
     layout: Layout
@@ -47,7 +47,7 @@ class Setup:
         return np.asarray(self.layout.centres.numpy()[list(self.cells)] + self.offsets_m)
 
 
-def random_setup(layout: Layout, rng: np.random.Generator, most: int = OBSTACLES[1]) -> Setup:
+def random_arrangement(layout: Layout, rng: np.random.Generator, most: int = OBSTACLES[1]) -> Arrangement:
     """Objects in random cells, up to a centimetre from the middle, turned at random; the target of either shape."""
     count = 1 + int(rng.integers(OBSTACLES[0], most + 1))
     first = int(rng.integers(2))
@@ -55,36 +55,36 @@ def random_setup(layout: Layout, rng: np.random.Generator, most: int = OBSTACLES
     angle, radius = rng.uniform(0, math.tau, count), JITTER_M * np.sqrt(rng.uniform(0, 1, count))
     offsets = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     cells = tuple(map(int, rng.permutation(layout.n_cells)[:count]))
-    return Setup(layout, bodies, cells, offsets, rng.uniform(0, math.pi / 2, count))
+    return Arrangement(layout, bodies, cells, offsets, rng.uniform(0, math.pi / 2, count))
 
 
 @contextmanager
-def standing(setup: Setup, eye: EyeConfig) -> Iterator[Any]:
-    """The environment with a setup in it and the arm ready."""
+def standing(placed: Arrangement, camera: CameraConfig) -> Iterator[Any]:
+    """The environment with objects placed in it and the arm ready."""
     env = gym.make(
-        "DoreTabletop-v1", layout=setup.layout, bodies=setup.bodies, eye=eye, obs_mode="none", reward_mode="none",
-        control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=render_backend(),
+        "DoreTabletop-v1", layout=placed.layout, bodies=placed.bodies, camera=camera, obs_mode="none",
+        reward_mode="none", control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=render_backend(),
     )  # fmt: skip
     try:
-        env.reset(seed=0, options={"cells": setup.cells, "offsets_m": setup.offsets_m, "yaws_rad": setup.yaws_rad})
+        env.reset(seed=0, options={"cells": placed.cells, "offsets_m": placed.offsets_m, "yaws_rad": placed.yaws_rad})
         yield env
     finally:
         env.close()
 
 
-def lay_down(env: Any, setup: Setup, rng: np.random.Generator) -> bool:
+def lay_down(env: Any, placed: Arrangement, rng: np.random.Generator) -> bool:
     """Lay one object down in the middle of where it stands, where it touches no other; False if none has room."""
-    for body in rng.permutation(len(setup.bodies)).tolist():
+    for body in rng.permutation(len(placed.bodies)).tolist():
         yaw = float(rng.uniform(0, math.pi))
-        half, along = setup.bodies[body].height_m / 2, np.array([math.cos(yaw), math.sin(yaw)])
-        offset = np.delete(setup.xy, body, axis=0) - setup.xy[body]
+        half, along = placed.bodies[body].height_m / 2, np.array([math.cos(yaw), math.sin(yaw)])
+        offset = np.delete(placed.xy, body, axis=0) - placed.xy[body]
         beside = offset - np.clip(offset @ along, -half, half)[:, None] * along
-        room = setup.bodies[body].radius_m + max(one.radius_m for one in setup.bodies) + 0.01
+        room = placed.bodies[body].radius_m + max(one.radius_m for one in placed.bodies) + 0.01
         if np.linalg.norm(beside, axis=1).min() < room:
             continue
         tilt = np.array([math.cos(math.pi / 4), 0.0, math.sin(math.pi / 4), 0.0])
         turn = sapien.Pose(q=[math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)])
-        at = sapien.Pose(p=[*setup.xy[body], setup.bodies[body].half_width_m])
+        at = sapien.Pose(p=[*placed.xy[body], placed.bodies[body].half_width_m])
         env.unwrapped.objects[body].set_pose(at * turn * sapien.Pose(q=tilt))
         return True
     return False
@@ -109,21 +109,21 @@ class Score:
     reading_s: list[float] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
 
-    def add(self, setup: Setup, seen: tuple[Sighting, ...]) -> None:
+    def add(self, placed: Arrangement, seen: tuple[Detection, ...]) -> None:
         """Count one scene."""
         self.scenes += 1
-        self.objects += len(setup.bodies)
-        self.cells += len(set(setup.cells) & {cell_of(one, setup.layout) for one in seen})
-        targets = [cell_of(one, setup.layout) for one in seen if one.is_target]
-        self.target += targets == [setup.cells[0]]
+        self.objects += len(placed.bodies)
+        self.cells += len(set(placed.cells) & {cell_of(one, placed.layout) for one in seen})
+        targets = [cell_of(one, placed.layout) for one in seen if one.is_target]
+        self.target += targets == [placed.cells[0]]
         try:
-            self.exact += scene_of(seen, setup.layout) == setup.scene
+            self.exact += estimate(seen, placed.layout).scene == placed.scene
         except NotUnderstood as error:
             self.wrong.append(str(error))
-        for body, xy, yaw in zip(setup.bodies, setup.xy, setup.yaws_rad, strict=True):
+        for body, xy, yaw in zip(placed.bodies, placed.xy, placed.yaws_rad, strict=True):
             self._add_object(body, xy, float(yaw), seen)
 
-    def _add_object(self, body: Body, xy: Array, yaw: float, seen: tuple[Sighting, ...]) -> None:
+    def _add_object(self, body: Body, xy: Array, yaw: float, seen: tuple[Detection, ...]) -> None:
         near = min(seen, key=lambda one: math.dist(one.xy, xy), default=None)
         if near is None or math.dist(near.xy, xy) > _FOUND_WITHIN_M:
             return
@@ -136,10 +136,10 @@ class Score:
             self.yaw_deg.append(math.degrees(math.remainder(near.yaw_rad - yaw, math.pi / 2)))
 
 
-def is_told(seen: tuple[Sighting, ...], layout: Layout) -> bool:
+def reports_lying(seen: tuple[Detection, ...], layout: Layout) -> bool:
     """Whether the camera says that an object lies."""
     try:
-        scene_of(seen, layout)
+        estimate(seen, layout)
     except NotUnderstood as error:
         return error.why is Why.NOT_UPRIGHT
     return False

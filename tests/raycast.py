@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dore.sim.motion.frames import Array
-from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.perception import Frame
 from dore.world.layout import Layout
 
@@ -42,7 +42,7 @@ def lying(shape: str, xy: tuple[float, float], yaw: float = 0.0) -> Solid:
     return Solid(shape, (0.025, 0.025, 0.0725), (*xy, 0.025), _about_z(yaw) @ down)
 
 
-def picture(config: EyeConfig, layout: Layout, solids: Sequence[Solid], pose: Array | None = None) -> Frame:
+def picture(config: CameraConfig, layout: Layout, solids: Sequence[Solid], pose: Array | None = None) -> Frame:
     """What a perfect camera at `pose` shows; None: where it should be, which is what the frame says in any case."""
     where = config.pose(layout)
     pose = where if pose is None else pose
@@ -66,19 +66,19 @@ def _about_z(yaw: float) -> Array:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
-def _ground(eye: Array, rays: Array, layout: Layout) -> tuple[Array, Array]:
+def _ground(camera: Array, rays: Array, layout: Layout) -> tuple[Array, Array]:
     """Depth and colour of the table and of the floor beside it."""
     centres, half = layout.centres.numpy(), layout.cell_m / 2
     near, far = centres.min(0) - half - [0.03, 0.15], centres.max(0) + half + [0.10, 0.15]
-    on_table = -eye[2] / rays[..., 2]
-    xy = eye[:2] + on_table[..., None] * rays[..., :2]
+    on_table = -camera[2] / rays[..., 2]
+    xy = camera[:2] + on_table[..., None] * rays[..., :2]
     table = ((xy >= near) & (xy <= far)).all(-1)
-    return np.where(table, on_table, (-0.6 - eye[2]) / rays[..., 2]), np.where(table[..., None], TABLE, FLOOR)
+    return np.where(table, on_table, (-0.6 - camera[2]) / rays[..., 2]), np.where(table[..., None], TABLE, FLOOR)
 
 
-def _hit(solid: Solid, eye: Array, rays: Array) -> Array:
+def _hit(solid: Solid, camera: Array, rays: Array) -> Array:
     """Depth at which each ray meets a solid; infinite where it does not."""
-    half, start, way = np.array(solid.half), (eye - solid.middle) @ solid.rotation, rays @ solid.rotation
+    half, start, way = np.array(solid.half), (camera - solid.middle) @ solid.rotation, rays @ solid.rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.sort([(-half - start) / way, (half - start) / way], axis=0)
         if solid.shape == "cylinder":

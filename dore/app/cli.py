@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.app import sweep, sweep_job
+from dore.app import renamed, sweep, sweep_job
 from dore.errors import InputError
 from dore.files import conf_dir
 
@@ -153,6 +153,9 @@ def _config_message(command: str, text: str) -> str:
     for plugin, extra in EXTRAS.items():
         if f"'{plugin}" in text:
             return f"{plugin}: not installed, want the extra `{extra}` (docs/sweeps.md)"
+    today = renamed.hint(text)
+    if today:
+        return today
     unknown = re.search(r"Could not override '([^']+)'", text)
     if not unknown:
         return text

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -11,11 +10,13 @@ from omegaconf import DictConfig
 from dore.app import build, run_folder
 from dore.configure import make
 from dore.errors import InputError, path_of, seed_of, whole
-from dore.sim.run.closed_execution import execute_closed
-from dore.sim.run.closed_loop import Loop
-from dore.sim.run.open_loop import execute as execute_plan
+from dore.planners.base import Planner
+from dore.sim.run.closed_loop import ClosedLoop
+from dore.sim.run.execution import Loop
+from dore.sim.run.execution import execute as carry_out
+from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.report import ExecutionReport
-from dore.sim.run.setup import REPORT_NAME, Stage
+from dore.sim.run.setup import REPORT_NAME, Setup
 from dore.world.files import read_plan, read_scene
 from dore.world.generator import Difficulty
 from dore.world.instances import random_problem
@@ -37,54 +38,55 @@ def execute(cfg: DictConfig) -> int:
     if (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
     build.use_threads(cfg.threads)
-    work = (_closed if cfg.loop == "closed" else _open)(cfg, stage_of(cfg, film=cfg.video == "auto"))
+    setup = setup_of(cfg, film=cfg.video == "auto")
+    loop = (_closed if cfg.loop == "closed" else _open)(cfg)
     with run_folder.claimed(cfg.run_dir, worth=REPORT_NAME) as folder:
-        report = work(folder)
+        report = carry_out(loop, setup, folder)
     _print_report(report, folder)
     if report.refused:
         return REFUSED
     return OK if report.success else FAULT
 
 
-def stage_of(cfg: DictConfig, film: bool) -> Stage:
-    """Arm, objects and camera of a composed config."""
-    arm, objects, camera = (make(cfg[name], name) for name in ("arm", "objects", "camera"))
-    return Stage(arm, objects, camera, seed_of("seed", cfg.seed), film, cfg.jitter_m, cfg.turned)
+def setup_of(cfg: DictConfig, film: bool) -> Setup:
+    """Arm, objects, camera and viewpoint of a composed config."""
+    arm, objects, view, camera = (make(cfg[name], name) for name in ("arm", "objects", "view", "camera"))
+    return Setup(arm, objects, view, camera, seed_of("seed", cfg.seed), film, cfg.jitter_m, cfg.turned)
 
 
-def loop_of(cfg: DictConfig, reach: Reach) -> Loop:
-    """What closes the loop of a composed config."""
-    eye, disturbance, limits = (make(cfg[name], name) for name in ("eye", "disturbance", "limits"))
-    return Loop(*planner_of(cfg, reach), reach, eye, disturbance, limits)
+def closed_loop_of(cfg: DictConfig, problem: Problem) -> ClosedLoop:
+    """The closed loop of a composed config."""
+    planner = build.planner_of(cfg, problem.reach)
+    disturbance, limits = (make(cfg[name], name) for name in ("disturbance", "limits"))
+    return ClosedLoop(problem, planner.name, partial(plan_scene, planner, problem.reach), disturbance, limits)
 
 
-def planner_of(cfg: DictConfig, reach: Reach) -> tuple[str, Callable[[Scene], Plan]]:
-    """The planner's name, and its plan for a scene."""
-    planner = build.planner_of(cfg, reach)
-    return planner.name, lambda scene: planner.plan(Batch.of(Problem(scene, reach)))[0]
+def open_loop_of(cfg: DictConfig, problem: Problem) -> OpenLoop:
+    """The open loop of a composed config, with its planner's plan."""
+    planner = build.planner_of(cfg, problem.reach)
+    return OpenLoop(PlanFile(problem, plan_scene(planner, problem.reach, problem.scene)))
 
 
-Work = Callable[[Path], ExecutionReport]
+def plan_scene(planner: Planner, reach: Reach, scene: Scene) -> Plan:
+    """A planner's plan for one scene."""
+    return planner.plan(Batch.of(Problem(scene, reach)))[0]
 
 
-def _open(cfg: DictConfig, stage: Stage) -> Work:
+def _open(cfg: DictConfig) -> Loop:
     """A plan as it is, or one for the scene."""
     if cfg.plan is None:
-        problem = _problem(cfg)
-        _, plan = planner_of(cfg, problem.reach)
-        return partial(execute_plan, PlanFile(problem, plan(problem.scene)), stage)
+        return open_loop_of(cfg, _problem(cfg))
     plan_file = read_plan(path_of("plan", cfg.plan))
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
-    return partial(execute_plan, plan_file, stage)
+    return OpenLoop(plan_file)
 
 
-def _closed(cfg: DictConfig, stage: Stage) -> Work:
+def _closed(cfg: DictConfig) -> Loop:
     """The scene, which the arm has to see for itself."""
     if cfg.scene is None:
         raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
-    problem = _problem(cfg)
-    return partial(execute_closed, problem.scene, loop_of(cfg, problem.reach), stage)
+    return closed_loop_of(cfg, _problem(cfg))
 
 
 def _problem(cfg: DictConfig) -> Problem:

@@ -1,21 +1,66 @@
-"""What the simulated arm, its objects and its camera can be told; each class is a `_target_` in conf/."""
+"""The settings of arm, objects and film, checked; each class but `ArmModel` is a `_target_` in conf/. No simulator."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+import hydra
 import numpy as np
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
-from omegaconf import OmegaConf
 
 from dore.errors import InputError, flag, number, path_of, whole
 from dore.files import conf_dir
-from dore.sim.model import ArmModel
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]
+
+
+@dataclass(frozen=True)
+class Description:
+    """An arm's URDF text, its meshes' paths absolute. srdf: which links may touch; None: not known."""
+
+    urdf: str
+    srdf: str | None = None
+
+
+@dataclass(frozen=True)
+class ArmModel:
+    """One arm with its hand. `conf/arm` names the function that makes it; a new arm is such a function and a YAML.
+
+    name: also ManiSkill's uid.
+    describe: the description, from the path that the user gives (`arm.urdf`), or None where none is wanted.
+    joints: the arm's joints from the base on, without the fingers.
+    ready_seed: joint angles (radians) where the search for the ready posture starts: they name the joint branch.
+    held_joints: stay at the seed's angle, so that an arm of seven joints has one posture for a pose.
+    acceleration: limits of the joints, rad/s^2. Their speed limits are the URDF's.
+    arm_drive, finger_drive: stiffness, damping and largest force of each simulated joint, N m/rad, N m s/rad, N m
+        (with metres for the joints that slide).
+    tool_link: the grasp point's frame, z forward, y across the jaws.
+    half_opening_m: from the grasp point to the open fingers of either side, metres.
+    fingers: joint to its angle or way (open, closed), closed a little further than the joint goes, so that it
+        presses; all of them follow the first.
+    hand_links: palm and fingers, what the width of the open hand is measured on.
+    jaws: the links of either side; a held object is pressed by both.
+    parts: link to what people call it.
+    """
+
+    name: str
+    describe: Callable[[str | None], Description]
+    joints: tuple[str, ...]
+    ready_seed: tuple[float, ...]
+    held_joints: tuple[str, ...]
+    acceleration: tuple[float, ...]
+    arm_drive: tuple[float, float, float]
+    finger_drive: tuple[float, float, float]
+    tool_link: str
+    half_opening_m: float
+    fingers: Mapping[str, tuple[float, float]]
+    hand_links: tuple[str, ...]
+    jaws: tuple[tuple[str, ...], tuple[str, ...]]
+    parts: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -25,7 +70,7 @@ class ArmConfig:
     model: what the arm is. urdf: path of its description, where the user has to give it.
 
     Raises:
-        InputError: a value that is not finite, or outside what the arm can mean.
+        InputError: a value that is not finite, or out of bounds.
     """
 
     model: ArmModel
@@ -35,10 +80,10 @@ class ArmConfig:
     lift_m: float
     staging_m: float
     lateral_limit_m: float
-    heading_limit_deg: float
+    max_yaw_deg: float
     half_fan_deg: float
     n_sectors: int
-    lane_margin_m: float
+    corridor_margin_m: float
     hand_speed_m_s: float
     lift_speed_m_s: float
     joint_speed: float
@@ -54,10 +99,10 @@ class ArmConfig:
             path_of("arm.urdf", self.urdf)
         number("arm.base_drop_m", self.base_drop_m, above=-1.0, at_most=1.0)
         number("arm.tilt_deg", self.tilt_deg, above=-1.0, at_most=80.0)
-        number("arm.heading_limit_deg", self.heading_limit_deg, above=0.0, at_most=89.0)
+        number("arm.max_yaw_deg", self.max_yaw_deg, above=0.0, at_most=89.0)
         number("arm.half_fan_deg", self.half_fan_deg, above=0.0, at_most=180.0)
         whole("arm.n_sectors", self.n_sectors, 2)
-        number("arm.lane_margin_m", self.lane_margin_m, above=-1e-9, at_most=1.0)
+        number("arm.corridor_margin_m", self.corridor_margin_m, above=-1e-9, at_most=1.0)
         number("arm.joint_speed", self.joint_speed, above=0.0, at_most=1.0)
         number("arm.joint_acceleration", self.joint_acceleration, above=0.0, at_most=1.0)
         number("arm.clearance_m", self.clearance_m, above=-1e-9, at_most=0.1)
@@ -135,14 +180,14 @@ class ObjectConfig:
 
 
 @dataclass(frozen=True)
-class CameraConfig:
-    """A fixed camera for the video. See conf/camera/.
+class ViewConfig:
+    """The viewpoint of the film. See conf/view/.
 
     Raises:
         InputError: a size below 16 pixels, a field of view outside (0, 170] degrees, a rate that is not positive.
     """
 
-    eye_m: tuple[float, float, float]
+    position_m: tuple[float, float, float]
     look_at_m: tuple[float, float, float]
     width_px: int
     height_px: int
@@ -152,28 +197,33 @@ class CameraConfig:
     shadows: bool
 
     def __post_init__(self) -> None:
-        whole("camera.width_px", self.width_px, 16)
-        whole("camera.height_px", self.height_px, 16)
-        number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
-        number("camera.frames_per_s", self.frames_per_s, above=0.0, at_most=60.0)
-        number("camera.playback_speed", self.playback_speed, above=0.0, at_most=100.0)
-        flag("camera.shadows", self.shadows)
-        for name in ("eye_m", "look_at_m"):
-            _numbers(f"camera.{name}", getattr(self, name), ("x", "y", "z"))
-        if list(self.eye_m) == list(self.look_at_m):
-            raise InputError(f"camera.eye_m: got {list(self.eye_m)}, the same as camera.look_at_m; want another point")
+        whole("view.width_px", self.width_px, 16)
+        whole("view.height_px", self.height_px, 16)
+        number("view.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
+        number("view.frames_per_s", self.frames_per_s, above=0.0, at_most=60.0)
+        number("view.playback_speed", self.playback_speed, above=0.0, at_most=100.0)
+        flag("view.shadows", self.shadows)
+        for name in ("position_m", "look_at_m"):
+            _numbers(f"view.{name}", getattr(self, name), ("x", "y", "z"))
+        if list(self.position_m) == list(self.look_at_m):
+            raise InputError(
+                f"view.position_m: got {list(self.position_m)}, the same as view.look_at_m; want another point"
+            )
 
 
 def preset(name: str, **given: Any) -> Any:
-    """What conf/`name`.yaml describes, as `arm/panda_slim`: the one place where default values stand.
+    """The object that an option of conf/ describes, as `arm/panda_slim`: default values are written there alone.
 
     given: keys with other values.
 
     Raises:
         InputError: such a value is refused.
     """
+    group, _, option = name.partition("/")
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        node = hydra.compose(overrides=[f"+{group}={option}"])[group]
     try:
-        return instantiate(OmegaConf.load(conf_dir() / f"{name}.yaml"), _convert_="all", **given)
+        return instantiate(node, _convert_="all", **given)
     except InstantiationException as error:
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from None
@@ -181,10 +231,10 @@ def preset(name: str, **given: Any) -> Any:
 
 
 def _numbers(name: str, values: object, wanted: tuple[str, ...]) -> list[float]:
-    """`values` as so many finite floats.
+    """`values` as finite floats, one for each name in `wanted`.
 
     Raises:
-        InputError: it is no list, of another length, or holds something else.
+        InputError: not a list, of another length, or with something else in it.
     """
     if not isinstance(values, list | tuple) or len(values) != len(wanted):
         raise InputError(f"{name}: got {values!r}, want [{', '.join(wanted)}]")

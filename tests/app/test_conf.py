@@ -59,7 +59,7 @@ def test_every_planner_builds(planner):
     assert made.name == planner
 
 
-EXECUTE_GROUPS = ("arm", "objects", "camera", "eye", "disturbance")
+EXECUTE_GROUPS = ("arm", "objects", "view", "camera", "disturbance")
 
 
 @pytest.mark.parametrize("option", [f"{group}={name}" for group in EXECUTE_GROUPS for name in options(group)])

@@ -1,4 +1,4 @@
-"""One truth for planning and executing: what the planners may ask for is what the arm can follow."""
+"""Planning and executing agree: what the planners may ask for is what the arm can follow."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 import torch
-from omegaconf import OmegaConf
 
 from dore.files import conf_dir
 from dore.sim.config import preset
-from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, lane_differences
+from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences
 from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.scene.urdf import arm_files
 from dore.world.files import read_plan
@@ -39,17 +38,10 @@ def surveyor() -> Surveyor:
     return Surveyor(ARM, OBJECTS, LAYOUT)
 
 
-def test_the_preset_holds_the_arms_numbers(reach):
-    preset_file = OmegaConf.load(conf_dir() / "reach" / "panda_slim.yaml")
-    written = {key: value for key, value in preset_file.reach.items() if key != "_target_"}
-    assert written == reach.to_dict()
-    assert preset_file.layout.front_m == LAYOUT.front_m
-
-
 def test_the_clearance_is_the_hand_the_widest_object_and_the_margin(kinematics, reach):
     assert kinematics.hand_half_width_m == pytest.approx(0.052)  # open by 0.04 each, 12 mm fingers
     assert OBJECTS.widest.radius_m == pytest.approx(0.025 * 2**0.5)
-    least = 0.052 + 0.025 * 2**0.5 + ARM.lane_margin_m
+    least = 0.052 + 0.025 * 2**0.5 + ARM.corridor_margin_m
     assert least <= reach.clearance_m < least + 0.001
 
 
@@ -108,29 +100,29 @@ def test_the_page_is_made_from_a_layout_that_the_arm_only_half_reaches(tmp_path,
 
 
 def test_a_plan_for_the_same_reach_differs_in_nothing(reach):
-    assert lane_differences(reach, reach) is None
+    assert corridor_differences(reach, reach) is None
     planned = read_plan(Path(conf_dir()) / "plans" / "fig7.json").reach
-    assert lane_differences(planned, reach) is None
+    assert corridor_differences(planned, reach) is None
 
 
 def test_a_stricter_plan_and_other_sectors_are_no_difference(reach):
-    assert lane_differences(Reach(LAYOUT, 0.142, 15.0, 30), reach) is None
-    assert lane_differences(Reach(LAYOUT, 0.10, 30.0, 61), reach) is None
+    assert corridor_differences(Reach(LAYOUT, 0.142, 15.0, 30), reach) is None
+    assert corridor_differences(Reach(LAYOUT, 0.10, 30.0, 61), reach) is None
 
 
 def test_lanes_outside_the_arms_fan_and_limits_are_named(reach):
-    words = lane_differences(Reach(LAYOUT, 0.10, 40.0, 9), reach)
-    assert words == "36 of its 162 lanes (cells 1-18) are none of this arm's"
+    words = corridor_differences(Reach(LAYOUT, 0.10, 40.0, 9), reach)
+    assert words == "36 of its 162 corridors (cells 1-18) are not this arm's"
     strict = Reach(LAYOUT, **{**reach.to_dict(), "lateral_limit_m": 0.2})
-    words = lane_differences(reach, strict)
+    words = corridor_differences(reach, strict)
     assert words is not None
     assert "cells 1-2, 5-8, 11-18" in words
 
 
 def test_lanes_with_fewer_blocking_cells_are_named(reach):
-    words = lane_differences(Reach(LAYOUT, 0.095, 30.0, 60), reach)
+    words = corridor_differences(Reach(LAYOUT, 0.095, 30.0, 60), reach)
     assert words is not None
-    assert words.endswith("of its 1080 lanes (cells 1-18) have fewer blocking cells than this arm needs empty")
+    assert words.endswith("of its 1080 corridors (cells 1-18) have fewer blocking cells than this arm needs empty")
 
 
 def test_far_cells_are_named_and_quickly(kinematics, reach):

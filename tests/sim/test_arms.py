@@ -9,21 +9,22 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from omegaconf import OmegaConf
 
 from dore.errors import InputError
 from dore.files import conf_dir
 from dore.sim.config import ArmConfig, ObjectConfig, preset
-from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, follow_lane, lane_differences
+from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences, follow_corridor
 from dore.sim.motion.kinematics import LARGEST_STEP_RAD, ArmKinematics
-from dore.sim.run.open_loop import execute
-from dore.sim.run.setup import Stage
+from dore.sim.run.execution import execute
+from dore.sim.run.open_loop import OpenLoop
+from dore.sim.run.setup import Setup
 from dore.sim.scene.jaco import jaco
 from dore.sim.scene.urdf import arm_files
 from dore.world.layout import Layout
-from dore.world.plan import Move, Plan, PlanFile, Scene, Status, replay
-from dore.world.problem import Problem
+from dore.world.plan import Move, Plan, PlanFile, Status, replay
+from dore.world.problem import Problem, Scene
 from scripts.measure_reach import Surveyor, survey
+from tests.app.test_conf import compose
 from tests.jaco_urdf import jaco_urdf
 
 pytestmark = pytest.mark.sim
@@ -64,7 +65,7 @@ def place(request, places) -> Place:
 
 
 def test_the_presets_hold_the_arms_numbers(place):
-    written = OmegaConf.load(conf_dir() / "reach" / f"{place.arm.name}.yaml")
+    written = compose("plan", [f"reach={place.arm.name}"])
     numbers = {key: value for key, value in written.reach.items() if key != "_target_"}
     assert numbers == arm_reach(place.arm, place.objects, place.layout).to_dict()
     assert dict(written.layout).items() <= place.layout.to_dict().items()
@@ -84,14 +85,14 @@ def test_all_cells_are_within_reach_and_another_arms_plan_is_not(place, places):
     reach = arm_reach(place.arm, place.objects, place.layout, kinematics)
     assert cells_out_of_reach(place.layout, reach, kinematics) == ()
     slim = arm_reach(places["panda_slim"].arm, places["panda_slim"].objects, place.layout)
-    assert (lane_differences(slim, reach) is None) == (place.arm.name == "panda_slim")
+    assert (corridor_differences(slim, reach) is None) == (place.arm.name == "panda_slim")
 
 
 def test_the_joints_change_little_along_a_lane(place):
     kinematics = ArmKinematics(arm_files(visuals=False, arm=place.arm), place.arm)
     ready = kinematics.ready(place.layout.front_m - place.arm.staging_m)
     for cell in (0, place.layout.n_cells - 1):
-        along, into, out = follow_lane(kinematics, ready, place.layout.cells[cell], 0.0)
+        along, into, out = follow_corridor(kinematics, ready, place.layout.cells[cell], 0.0)
         path = np.vstack([along, into, out])
         assert np.abs(np.diff(path, axis=0)).max() < LARGEST_STEP_RAD
         assert np.abs(path[-1] - path[0]).max() < 0.4  # back where it began, but for the height: no turn is left over
@@ -108,8 +109,8 @@ def test_a_short_plan_is_carried_out(name, places, tmp_path):
     (scene, moves), place = PLANS[name], places[name]
     reach, plan = arm_reach(place.arm, place.objects, scene.layout), Plan(Status.SOLVED, moves, 0.0, "test", 0.0)
     replay(Problem(scene, reach), plan)
-    stage = Stage(place.arm, place.objects, preset("camera/corner"), seed=0, film=False)
-    report = execute(PlanFile(Problem(scene, reach), plan), stage, tmp_path)
+    setup = Setup(place.arm, place.objects, preset("view/corner"), preset("camera/kinect"), seed=0, film=False)
+    report = execute(OpenLoop(PlanFile(Problem(scene, reach), plan)), setup, tmp_path)
     assert report.success, report.message
     for move in report.moves:
         assert move.others_moved_mm < 1.0

@@ -1,7 +1,7 @@
-"""Closed loops: what is not as expected is met by looking and planning again, or by a refusal; never by a false claim.
+"""Closed loops: the unexpected leads to looking and planning again, or to a refusal; never to a false claim.
 
-The camera is stood in for by the simulator's state, so that these run where nothing can render; tests/test_sim_eye.py
-has the camera itself.
+The simulator's state stands in for the camera, so that these run where nothing can render; test_camera.py
+tests the camera itself.
 """
 
 from __future__ import annotations
@@ -23,89 +23,86 @@ from dore.errors import InputError
 from dore.planners.exact import Exact
 from dore.sim.config import preset
 from dore.sim.motion.outcome import Outcome
-from dore.sim.motion.rehearsal import Refused
-from dore.sim.run import closed_execution, closed_loop
-from dore.sim.run.closed_execution import execute_closed
-from dore.sim.run.closed_loop import ClosedLoop, Limits, Loop
-from dore.sim.run.disturbances import Disturbed, Nothing, ObjectMoved, SlippingGrasp, StrangersObject
+from dore.sim.run import closed_loop
+from dore.sim.run.closed_loop import ClosedLoop, Limits
+from dore.sim.run.disturbances import IntruderObject, Nothing, ObjectMoved, SlippingGrasp
+from dore.sim.run.execution import execute
 from dore.sim.run.feedback import leaning_deg, positions
-from dore.sim.run.film import Video
-from dore.sim.run.open_loop import conclude
+from dore.sim.run.operator import Operator
 from dore.sim.run.report import ExecutionReport
-from dore.sim.run.setup import CONTROL_S, Stage
-from dore.sim.scene.agent import render_backend
-from dore.sim.vision.camera_config import EyeConfig
-from dore.sim.vision.scene_estimate import Sighting
-from dore.sim.vision.seen import confirm
+from dore.sim.run.setup import Setup
+from dore.sim.vision.camera import RgbdCamera
+from dore.sim.vision.scene_estimate import Detection, unconfirmed
 from dore.world.layout import Layout
-from dore.world.plan import Scene
-from dore.world.problem import Batch, Problem
+from dore.world.problem import Batch, Problem, Scene
 from tests.app.test_conf import compose
 from tests.commands import run
+from tests.rendering import needs_vulkan
 
 pytestmark = pytest.mark.sim
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 SCENE = Scene(LAYOUT, obstacles=(2, 8, 13), target=14)
 LIMITS = Limits(max_moves=8, max_faults=2, max_looks=2)
-STAGE = Stage(preset("arm/panda_slim"), preset("objects/mixed"), preset("camera/corner"), seed=3, film=False)
+SETUP = Setup(
+    preset("arm/panda_slim"),
+    preset("objects/mixed"),
+    preset("view/corner"),
+    preset("camera/kinect"),
+    seed=3,
+    film=False,
+)
 
 
-class TrueEye:
+class TrueCamera:
     """Sees what the camera would: everything that stands where it looks, and is not held up."""
 
-    def __init__(self, config: EyeConfig, seed: int) -> None:
-        self.config = config
+    needs_renderer = False
 
-    def look(self, env: Any) -> tuple[Sighting, ...]:
-        world = env.unwrapped
-        (near, far), seen = self.config.region(world.layout), []
+    def __init__(self, env: Any, seed: int) -> None:
+        self.env = env
+
+    def look(self) -> tuple[Detection, ...]:
+        world = self.env.unwrapped
+        (near, far), seen = world.camera.region(world.layout), []
         for index, (at, leaning) in enumerate(zip(positions(world), leaning_deg(world), strict=True)):
             body, waiting = world.bodies[index], bool(world.waiting()[0, index])
             in_sight = bool((at[:2] > near).all() and (at[:2] < far).all()) and not waiting
             if in_sight and -0.01 < at[2] < body.height_m / 2 + 0.01:
                 half, tall, upright = body.half_width_m, body.height_m, bool(leaning < 10)
-                seen.append(Sighting((float(at[0]), float(at[1])), half, tall, 0.0, body.shape, upright, index == 0))
+                seen.append(Detection((float(at[0]), float(at[1])), half, tall, 0.0, body.shape, upright, index == 0))
         return tuple(seen)
 
 
-def loop_with(disturbance: Any, limits: Limits = LIMITS) -> Loop:
+def loop_with(disturbance: Any, scene: Scene = SCENE, **changes: Any) -> ClosedLoop:
     reach = reach_of(compose("execute", []), "cpu", LAYOUT)
     planner = Exact(reach, max_nodes=10_000, max_seconds=20.0, max_memory_mb=256)
     plan = lambda scene: planner.plan(Batch.of(Problem(scene, reach)))[0]  # noqa: E731
-    return Loop("exact", plan, reach, preset("eye/kinect"), disturbance, limits)
+    loop = ClosedLoop(Problem(scene, reach), "exact", plan, disturbance, LIMITS, TrueCamera)
+    return replace(loop, **changes)
 
 
 def carry_out(
-    monkeypatch: pytest.MonkeyPatch,
-    loop: Loop,
-    scene: Scene = SCENE,
-    each_step: Callable[[Any], None] | None = None,
-    eye: type[TrueEye] = TrueEye,
+    monkeypatch: pytest.MonkeyPatch, folder: Path, loop: ClosedLoop, each_step: Callable[[Any], None] | None = None
 ) -> ExecutionReport:
     """The report of a closed loop; `each_step` is called with the environment after every control step."""
-    monkeypatch.setattr(closed_loop, "Eye", eye)
-    bodies = STAGE.bodies(1 + len(scene.obstacles) + loop.disturbance.spare_objects)
-    report = STAGE.report(scene, bodies, loop.planner)
-    env = Disturbed(STAGE.environment(LAYOUT, bodies, "none"), loop.disturbance)
-    env.reset(seed=0, options={"cells": [scene.target, *scene.obstacles]})
-    film = Video(env, Path("unused.mp4"), CONTROL_S, on=False)
     if each_step is not None:
-        monkeypatch.setattr(film, "after_step", lambda: each_step(env))
-    run = ClosedLoop(env, loop, STAGE.kinematics, report, lambda: None, film)
-    run.run()
-    conclude(run.operator, report)
-    report.finished = True
-    env.close()
-    return report
+        command = Operator._command
+
+        def watched(self: Operator, joints: np.ndarray) -> None:
+            command(self, joints)
+            each_step(self._env)
+
+        monkeypatch.setattr(Operator, "_command", watched)
+    return execute(loop, SETUP, folder)
 
 
 def kinds(report: ExecutionReport) -> list[str]:
     return [event["event"] for event in report.events]
 
 
-def test_undisturbed_it_plans_once_and_claims_what_is_true(monkeypatch):
-    report = carry_out(monkeypatch, loop_with(Nothing()))
+def test_undisturbed_it_plans_once_and_claims_what_is_true(monkeypatch, tmp_path):
+    report = carry_out(monkeypatch, tmp_path, loop_with(Nothing()))
     assert report.success
     assert report.claimed
     assert kinds(report).count("plan") == 1
@@ -121,62 +118,62 @@ def test_undisturbed_it_plans_once_and_claims_what_is_true(monkeypatch):
         (SlippingGrasp(at_grasp=2), "fault"),
         (ObjectMoved(after_moves=1), "disturbance"),
         (ObjectMoved(after_moves=0), "disturbance"),
-        (StrangersObject(after_moves=1), "disturbance"),
+        (IntruderObject(after_moves=1), "disturbance"),
     ],
 )
-def test_what_goes_wrong_once_is_seen_and_made_good(monkeypatch, disturbance, kind):
-    report = carry_out(monkeypatch, loop_with(disturbance))
+def test_what_goes_wrong_once_is_seen_and_recovered_from(monkeypatch, tmp_path, disturbance, kind):
+    report = carry_out(monkeypatch, tmp_path, loop_with(disturbance))
     assert kind in kinds(report)
     assert report.success
     assert report.claimed
     assert report.conditions["success"]
 
 
-def test_a_grasp_that_always_slips_ends_in_a_named_refusal(monkeypatch):
+def test_a_grasp_that_always_slips_ends_in_a_named_refusal(monkeypatch, tmp_path):
     class Slippery(SlippingGrasp):
         def grip(self, world, command):
             self.grasps_left = 1
             return super().grip(world, command)
 
-    report = carry_out(monkeypatch, loop_with(Slippery(at_grasp=1)))
+    report = carry_out(monkeypatch, tmp_path, loop_with(Slippery(at_grasp=1)))
     assert not report.claimed
     assert report.outcome is Outcome.GAVE_UP
     assert "3 faults, limits.max_faults" in report.message
     assert len(report.moves) == 3
 
 
-def test_the_target_taken_out_of_the_hand_is_never_claimed(monkeypatch):
+def test_the_target_taken_out_of_the_hand_is_never_claimed(monkeypatch, tmp_path):
     def thief(env):
         world = env.unwrapped
         if positions(world)[0, 0] < LAYOUT.front_m - 0.05:
             world.objects[0].set_pose(sapien.Pose(p=[1.5, 0.0, -1.0]))
 
-    report = carry_out(monkeypatch, loop_with(Nothing()), each_step=thief)
+    report = carry_out(monkeypatch, tmp_path, loop_with(Nothing()), each_step=thief)
     assert not report.claimed
     assert not report.success
     assert report.outcome is Outcome.NOT_UNDERSTOOD
     assert "no target" in report.message
 
 
-def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch):
+def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch, tmp_path):
     """Out of the hand after the last motion: the fingers tell, and where they are not asked, the simulator does."""
 
-    class Late(TrueEye):
-        def look(self, env):
-            seen = super().look(env)
+    class Late(TrueCamera):
+        def look(self):
+            seen, env = super().look(), self.env
             if not any(one.is_target for one in seen):
                 env.unwrapped.objects[0].set_pose(sapien.Pose(p=[1.5, 0.0, -1.0]))
                 for _ in range(10):
                     env.step(torch.tensor([*env.unwrapped.agent.arm_joints()[0].tolist(), -1.0]))
             return seen
 
-    report = carry_out(monkeypatch, loop_with(Nothing()), eye=Late)
+    report = carry_out(monkeypatch, tmp_path, loop_with(Nothing(), sensor=Late))
     assert report.outcome is Outcome.UNCONFIRMED
     assert "the hand: it holds nothing" in report.message
     assert not report.claimed
     with monkeypatch.context() as patch:
-        patch.setattr(closed_loop.Touch, "holding", lambda self: True)
-        report = carry_out(patch, loop_with(Nothing()), eye=Late)
+        patch.setattr(closed_loop.GripperSense, "holding", lambda self: True)
+        report = carry_out(patch, tmp_path, loop_with(Nothing(), sensor=Late))
     assert report.claimed
     assert not report.success
     assert report.outcome is Outcome.INCOMPLETE
@@ -195,18 +192,20 @@ def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch):
 def test_confirmation_wants_every_obstacle_where_it_stood(cells_xy, fine):
     before = Scene(LAYOUT, obstacles=(0, 8), target=14)
     seen = [
-        Sighting((LAYOUT.cells[cell][0], LAYOUT.cells[cell][1] + aside), 0.025, 0.15, 0.0, "cylinder", True, False)
+        Detection((LAYOUT.cells[cell][0], LAYOUT.cells[cell][1] + aside), 0.025, 0.15, 0.0, "cylinder", True, False)
         for cell, aside in cells_xy
     ]
-    if fine:
-        confirm(seen, before)
-        return
-    with pytest.raises(Refused) as caught:
-        confirm(seen, before)
-    assert caught.value.outcome is Outcome.UNCONFIRMED
+    assert (unconfirmed(seen, before) is None) == fine
 
 
-def test_an_obstacle_lost_off_the_table_is_missed(monkeypatch):
+def test_a_target_still_on_the_board_is_not_confirmed():
+    before = Scene(LAYOUT, obstacles=(), target=14)
+    held_in_front, standing = ((LAYOUT.front_m - 0.05, 0.0), LAYOUT.cells[14])
+    for xy, says in ((held_in_front, None), (standing, "the target still stands on the board")):
+        assert unconfirmed([Detection(xy, 0.025, 0.15, 0.0, "cylinder", True, True)], before) == says
+
+
+def test_an_obstacle_lost_off_the_table_is_missed(monkeypatch, tmp_path):
     """Dropped before the grid, where no camera looks."""
 
     def thief(env):
@@ -215,7 +214,7 @@ def test_an_obstacle_lost_off_the_table_is_missed(monkeypatch):
             if positions(world)[index, 0] < LAYOUT.front_m - 0.03:
                 world.objects[index].set_pose(sapien.Pose(p=[0.2, 0.6, -0.5]))
 
-    report = carry_out(monkeypatch, loop_with(Nothing()), each_step=thief)
+    report = carry_out(monkeypatch, tmp_path, loop_with(Nothing()), each_step=thief)
     assert report.outcome is Outcome.MISSING
     assert "4 objects were seen, and now 3" in report.message
     assert not report.claimed
@@ -230,7 +229,7 @@ def test_an_obstacle_lost_off_the_table_is_missed(monkeypatch):
         ([0.66, -0.30, 0.075], r"two objects|both"),
     ],
 )
-def test_a_scene_that_is_no_board_is_refused_by_name(monkeypatch, to, says):
+def test_a_scene_that_is_no_board_is_refused_by_name(monkeypatch, tmp_path, to, says):
     """Off the board, lying down, and two in a cell."""
     lying = [0.5**0.5, 0.5**0.5, 0, 0] if to[2] < 0.05 else [1, 0, 0, 0]
 
@@ -240,7 +239,7 @@ def test_a_scene_that_is_no_board_is_refused_by_name(monkeypatch, to, says):
             return None
 
     scene = Scene(LAYOUT, obstacles=(2, 11), target=14)
-    report = carry_out(monkeypatch, loop_with(Meddler()), scene)
+    report = carry_out(monkeypatch, tmp_path, loop_with(Meddler(), scene))
     assert report.outcome is Outcome.NOT_UNDERSTOOD
     assert report.moves == []
     assert report.refused
@@ -248,9 +247,9 @@ def test_a_scene_that_is_no_board_is_refused_by_name(monkeypatch, to, says):
     assert re.search(says, report.message), report.message
 
 
-def test_no_plan_is_said_with_the_planner_s_reason(monkeypatch):
+def test_no_plan_is_said_with_the_planner_s_reason(monkeypatch, tmp_path):
     full = Scene(LAYOUT, obstacles=tuple(cell for cell in range(18) if cell != 14), target=14)
-    report = carry_out(monkeypatch, loop_with(Nothing()), full)
+    report = carry_out(monkeypatch, tmp_path, loop_with(Nothing(), full))
     assert report.outcome is Outcome.NO_PLAN
     assert "refused: exact: unsolvable" in report.message
     assert report.refused
@@ -265,15 +264,15 @@ def test_limits_and_disturbances_check_their_domain():
         ObjectMoved(-1)
 
 
-def test_the_same_seed_disturbs_the_same(monkeypatch):
-    one, two = (carry_out(monkeypatch, loop_with(ObjectMoved(after_moves=0))) for _ in range(2))
+def test_the_same_seed_disturbs_the_same(monkeypatch, tmp_path):
+    one, two = (carry_out(monkeypatch, tmp_path, loop_with(ObjectMoved(after_moves=0))) for _ in range(2))
     assert one.events == two.events
 
 
 def test_without_a_camera_there_is_no_closed_loop(monkeypatch, tmp_path):
-    monkeypatch.setattr(closed_execution, "render_backend", lambda: "none")
+    monkeypatch.setattr(closed_loop, "render_backend", lambda: "none")
     with pytest.raises(InputError, match="closed needs a camera"):
-        execute_closed(SCENE, loop_with(Nothing()), STAGE, tmp_path / "none")
+        execute(loop_with(Nothing(), sensor=RgbdCamera), SETUP, tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 
@@ -298,15 +297,13 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capfd, overrides, sa
     assert not (tmp_path / "run").exists()
 
 
-def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(monkeypatch, tmp_path):
-    monkeypatch.setattr(closed_execution, "render_backend", lambda: "cpu")
-    loop = loop_with(Nothing())
-    low = replace(loop, eye=replace(loop.eye, eye_m=(0.4, 0.0, 0.3)))
-    with pytest.raises(InputError, match=r"eye\.eye_m"):
-        execute_closed(SCENE, low, STAGE, tmp_path / "none")
+def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(tmp_path):
+    low = replace(SETUP, camera=replace(SETUP.camera, position_m=(0.4, 0.0, 0.3)))
+    with pytest.raises(InputError, match=r"camera\.position_m"):
+        execute(loop_with(Nothing()), low, tmp_path / "none")
     full = Scene(LAYOUT, obstacles=tuple(cell for cell in range(18) if cell != 14), target=14)
     with pytest.raises(InputError, match="disturbance: puts in 1 more, and the scene has 0 cells left"):
-        execute_closed(full, loop_with(StrangersObject(1)), STAGE, tmp_path / "none")
+        execute(loop_with(IntruderObject(1), full), SETUP, tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 
@@ -316,9 +313,8 @@ def test_a_scene_is_planned_and_carried_out(tmp_path, capfd):
     assert json.loads((tmp_path / "run" / "execution.json").read_text())["planner"] == "guided"
 
 
+@needs_vulkan
 def test_a_real_camera_closes_the_loop(tmp_path, capfd):
-    if render_backend() == "none":
-        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
     overrides = ["scene=random", "obstacles=5", "loop=closed", "disturbance=moved", "video=off", "seed=2"]
     assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 0
     report = json.loads((tmp_path / "run" / "execution.json").read_text())

@@ -14,36 +14,37 @@ import torch
 
 from dore.draw.boards import Panel
 from dore.sim.config import preset
-from dore.sim.run.film import READING_S, Video
-from dore.sim.run.film_frame import Page
+from dore.sim.run.film import READING_S, Film
+from dore.sim.run.film_frame import FilmFrame
 from dore.sim.scene.agent import render_backend
 from dore.sim.scene.scene_builder import OBSTACLES, TARGET
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.layout import Layout
-from dore.world.plan import Move, Scene
-from dore.world.problem import Problem
+from dore.world.plan import Move
+from dore.world.problem import Problem, Scene
 from dore.world.reach import Reach
+from tests.rendering import needs_vulkan
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 REACH = Reach(LAYOUT, clearance_m=0.10, half_fan_deg=30.0, n_sectors=61)
 SCENE = Scene(LAYOUT, obstacles=(2, 8), target=14)
 MOVE = Panel(Problem(SCENE, REACH), Move(2, 11, 0.0, 0.0))
 STEP_S, RATE = 0.05, 10.0
-CAMERA = replace(preset("camera/corner"), width_px=160, height_px=120, frames_per_s=RATE, playback_speed=1.0)
+VIEW = replace(preset("view/corner"), width_px=160, height_px=120, frames_per_s=RATE, playback_speed=1.0)
 
 
-class Stage:
+class FakeEnv:
     """An environment that needs no simulator: three objects in their cells, and a picture that grows lighter."""
 
     def __init__(self) -> None:
         at = torch.zeros(1, 3, 3)
         at[0, :, :2] = LAYOUT.centres[[14, 2, 8]]
-        self.unwrapped = SimpleNamespace(camera=CAMERA, positions=lambda: at)
+        self.unwrapped = SimpleNamespace(view=VIEW, positions=lambda: at)
         self.looks = 0
 
     def render(self) -> torch.Tensor:
         self.looks += 1
-        return torch.full((1, CAMERA.height_px, CAMERA.width_px, 3), min(255, 4 * self.looks), dtype=torch.uint8)
+        return torch.full((1, VIEW.height_px, VIEW.width_px, 3), min(255, 4 * self.looks), dtype=torch.uint8)
 
 
 def names(folder: Path) -> list[str]:
@@ -56,7 +57,7 @@ def ink(region: np.ndarray) -> int:
 
 
 def test_a_frame_holds_the_picture_the_board_and_a_line():
-    page = Page(640, 480)
+    page = FilmFrame(640, 480)
     picture = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
     empty = page.frame(picture, "", "")
     assert empty.shape == (page.size[1], page.size[0], 3) == (528, 1024, 3)
@@ -71,7 +72,7 @@ def test_a_frame_holds_the_picture_the_board_and_a_line():
 
 
 def test_only_what_is_new_is_drawn_again():
-    page, picture = Page(640, 480), np.zeros((480, 640, 3), np.uint8)
+    page, picture = FilmFrame(640, 480), np.zeros((480, 640, 3), np.uint8)
     page.show_board(MOVE, {})
     first, second = (page.frame(picture, "move 1", f"simulated {s} s") for s in (1, 2))
     assert (first[:480] == second[:480]).all()
@@ -82,16 +83,16 @@ def test_only_what_is_new_is_drawn_again():
 
 
 @pytest.mark.parametrize("size", [(16, 16), (1280, 16), (16, 1280), (161, 123), (640, 480)])
-def test_every_size_of_camera_has_a_page(size):
-    page = Page(*size)
+def test_every_size_of_view_has_a_frame(size):
+    page = FilmFrame(*size)
     page.show_board(MOVE, {})
-    page.tell("the camera sees 7 objects", "0.0 s")
+    page.add_line("the camera sees 7 objects", "0.0 s")
     frame = page.frame(np.zeros((size[1], size[0], 3), np.uint8), "the camera sees 7 objects", "simulated 0.0 s")
     assert all(length % 8 == 0 for length in frame.shape[:2])
 
 
 def test_a_long_caption_stays_off_the_clock():
-    page, picture = Page(640, 480), np.zeros((480, 640, 3), np.uint8)
+    page, picture = FilmFrame(640, 480), np.zeros((480, 640, 3), np.uint8)
     clock = page.frame(picture, "", "simulated 12.4 s")[480:]
     starts = int(np.flatnonzero((clock < 200).any((0, 2)))[0])
     long = "stopped: target (15): approach: the left finger would touch the object on cell 3. " * 3
@@ -100,42 +101,42 @@ def test_a_long_caption_stays_off_the_clock():
     assert ink(frame[:, :640]) > 500
 
 
-def test_what_was_told_stays_and_the_newest_wins():
-    page, picture = Page(640, 480), np.zeros((480, 640, 3), np.uint8)
+def test_what_has_happened_stays_and_the_newest_wins():
+    page, picture = FilmFrame(640, 480), np.zeros((480, 640, 3), np.uint8)
     page.show_board(MOVE, {})
     amounts = []
     for number in range(40):
-        page.tell(f"look {number}: the target on 15, obstacles on 1, 3, 7, 9, 13 and 16", f"{number}.0 s")
+        page.add_line(f"look {number}: the target on 15, obstacles on 1, 3, 7, 9, 13 and 16", f"{number}.0 s")
         amounts.append(page.frame(picture, "", ""))
     assert ink(amounts[0]) < ink(amounts[1]) < ink(amounts[2])
     assert (amounts[-1] != amounts[-2]).any()
     assert (amounts[-1][480:] == 255).all()
 
 
-def film(path: Path, moves: int, on: bool = True, fails: BaseException | None = None) -> Stage:
+def film(path: Path, moves: int, on: bool = True, fails: BaseException | None = None) -> FakeEnv:
     """A film of so many moves of twenty steps, and a still of each."""
-    stage = Stage()
-    with Video(stage, path, STEP_S, on) as video:
+    env = FakeEnv()
+    with Film(env, path, STEP_S, on) as video:
         for number in range(1, moves + 1):
-            video.show(f"move {number}", replace(MOVE, number=number))
+            video.caption(f"move {number}", replace(MOVE, number=number))
             for _ in range(20):
                 video.after_step()
             if fails is not None:
                 raise fails
-            video.tell(f"move {number}: done", still=f"move_{number}")
+            video.pause(f"move {number}: done", still=f"move_{number}")
     assert video.written is on
     assert video.stills == [f"move_{number}.png" for number in range(1, moves + 1) if on]
-    return stage
+    return env
 
 
 def test_a_film_stands_still_to_be_read(tmp_path):
     film(tmp_path / "execution.mp4", moves=2)
     assert names(tmp_path) == ["execution.mp4", "move_1.png", "move_2.png"]
     with imageio.get_reader(tmp_path / "execution.mp4") as reader:
-        assert reader.get_meta_data()["size"] == Page(160, 120).size
+        assert reader.get_meta_data()["size"] == FilmFrame(160, 120).size
         assert reader.count_frames() == 2 * (20 * STEP_S * RATE + READING_S * RATE)
     still = imageio.imread(tmp_path / "move_1.png")
-    assert still.shape[:2] == Page(160, 120).size[::-1]
+    assert still.shape[:2] == FilmFrame(160, 120).size[::-1]
     assert (still[:120, :160] == 4 * 11).all()  # the eleventh look: as the move ends, not the film's last frame of it
 
 
@@ -159,7 +160,7 @@ def test_nothing_is_made_where_nothing_can_render(tmp_path):
 
 
 def test_a_film_of_no_frame_is_no_film(tmp_path):
-    with Video(Stage(), tmp_path / "execution.mp4", STEP_S, on=True) as video:
+    with Film(FakeEnv(), tmp_path / "execution.mp4", STEP_S, on=True) as video:
         pass
     assert not video.written
     assert names(tmp_path) == []
@@ -184,23 +185,22 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
 
 
 def test_the_board_has_the_objects_colours(tmp_path):
-    video = Video(Stage(), tmp_path / "execution.mp4", STEP_S, on=True)
+    video = Film(FakeEnv(), tmp_path / "execution.mp4", STEP_S, on=True)
     assert video._colours(SCENE) == {14: TARGET, 2: OBSTACLES[1], 8: OBSTACLES[2]}
 
 
 @pytest.mark.sim
+@needs_vulkan
 def test_the_arm_is_filmed_where_vulkan_is(tmp_path):
-    if render_backend() == "none":
-        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
     settings: dict[str, Any] = {"obs_mode": "none", "reward_mode": "none", "sim_backend": "physx_cpu"}
     env = DoreTabletopEnv(
         layout=LAYOUT, bodies=preset("objects/mixed").draw(3, np.random.default_rng(0)),
-        camera=CAMERA, render_mode="rgb_array", render_backend=render_backend(), **settings,
+        view=VIEW, render_mode="rgb_array", render_backend=render_backend(), **settings,
     )  # fmt: skip
     env.reset(seed=0, options={"cells": [14, 2, 8]})
-    with Video(env, tmp_path / "execution.mp4", STEP_S, on=True) as video:
+    with Film(env, tmp_path / "execution.mp4", STEP_S, on=True) as video:
         assert set(video._colours(SCENE)) == {2, 8, 14}
-        video.tell("the camera sees 3 objects", Panel(Problem(SCENE, REACH)), still="look")
+        video.pause("the camera sees 3 objects", Panel(Problem(SCENE, REACH)), still="look")
     env.close()
     still = imageio.imread(tmp_path / "look.png")
     assert still[:120, :160].std() > 10  # a picture, not a blank

@@ -10,29 +10,29 @@ import pytest
 
 from dore.errors import InputError
 from dore.sim.config import Body, preset
-from dore.sim.motion.frames import hand_pose, inside, lane, straight
-from dore.sim.motion.timing import timed
+from dore.sim.motion.frames import corridor, hand_pose, inside, straight
+from dore.sim.motion.kinematics import timed
 
 
-def test_lane_at_zero_degrees_points_away_from_the_base():
-    way = lane((0.8, 0.3), 0.0, staging_x=0.43)
+def test_corridor_at_zero_degrees_points_away_from_the_base():
+    way = corridor((0.8, 0.3), 0.0, staging_x=0.43)
     assert way.heading_rad == pytest.approx(math.atan2(0.3, 0.8))
     assert way.staging_xy == pytest.approx((0.43, 0.43 * 0.3 / 0.8))
 
 
 @pytest.mark.parametrize("direction_deg", [-30.0, -7.5, 12.0, 30.0])
-def test_lane_direction_is_counter_clockwise_about_cell_to_base(direction_deg):
+def test_corridor_direction_is_counter_clockwise_about_cell_to_base(direction_deg):
     cell = np.array([0.68, -0.18])
-    way = lane(tuple(cell), direction_deg, staging_x=0.43)
+    way = corridor(tuple(cell), direction_deg, staging_x=0.43)
     out = np.array(way.staging_xy) - cell
     turned = math.atan2(out[1], out[0]) - math.atan2(-cell[1], -cell[0])
     assert math.degrees(math.remainder(turned, math.tau)) == pytest.approx(direction_deg)
 
 
 @pytest.mark.parametrize(("cell", "direction_deg"), [((0.4, 0.0), 0.0), ((0.6, 0.0), 90.0), ((0.6, 0.3), 120.0)])
-def test_lane_that_misses_the_staging_line_is_refused(cell, direction_deg):
+def test_corridor_that_misses_the_staging_line_is_refused(cell, direction_deg):
     with pytest.raises(ValueError, match="staging line"):
-        lane(cell, direction_deg, staging_x=0.43)
+        corridor(cell, direction_deg, staging_x=0.43)
 
 
 def test_hand_points_along_its_heading_and_below_the_horizontal():
@@ -79,15 +79,15 @@ def test_objects_are_the_same_for_a_seed():
     [
         (lambda: replace(preset("arm/panda_slim"), model="jaco"), "arm.model"),
         (lambda: replace(preset("arm/panda_slim"), n_sectors=1), "arm.n_sectors"),
-        (lambda: preset("arm/panda_slim", lane_margin_m=-0.1), "arm.lane_margin_m"),
+        (lambda: preset("arm/panda_slim", corridor_margin_m=-0.1), "arm.corridor_margin_m"),
         (lambda: replace(preset("arm/panda_slim"), tilt_deg=math.nan), "arm.tilt_deg"),
         (lambda: replace(preset("arm/panda_slim"), lift_m=0.0), "arm.lift_m"),
         (lambda: replace(preset("objects/mixed"), shapes="sphere"), "objects.shapes"),
         (lambda: replace(preset("objects/mixed"), height_m=(0.2, 0.1)), "objects.height_m"),
         (lambda: replace(preset("objects/mixed"), can_radius_m=(0.02,)), "objects.can_radius_m"),  # type: ignore[arg-type]
-        (lambda: replace(preset("camera/corner"), width_px=1), "camera.width_px"),
-        (lambda: replace(preset("camera/corner"), eye_m=(0.42, 0.02, 0.12)), "camera.eye_m"),
-        (lambda: replace(preset("camera/corner"), eye_m=(1.0, 2.0)), "camera.eye_m"),
+        (lambda: replace(preset("view/corner"), width_px=1), "view.width_px"),
+        (lambda: replace(preset("view/corner"), position_m=(0.42, 0.02, 0.12)), "view.position_m"),
+        (lambda: replace(preset("view/corner"), position_m=(1.0, 2.0)), "view.position_m"),
     ],
 )
 def test_bad_values_are_named(build, field):

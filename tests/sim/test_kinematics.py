@@ -1,4 +1,4 @@
-"""The arm's kinematics: straight lines on one branch, and contacts named; all lanes are in test_sim_lanes.py."""
+"""The arm's kinematics: straight lines on one branch, and contacts named; all corridors are in test_arm_reach.py."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dore.sim.config import Body, preset
-from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Standing
-from dore.sim.motion.frames import hand_pose, lane
+from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Held, Standing
+from dore.sim.motion.frames import corridor, hand_pose
 from dore.sim.motion.kinematics import LARGEST_STEP_RAD, ArmKinematics, Reached, Unreachable
 from dore.sim.scene.panda import slim_urdf
 from dore.sim.scene.urdf import arm_files
@@ -27,21 +27,21 @@ def kinematics() -> ArmKinematics:
 
 
 def follow(kinematics: ArmKinematics, cell: int, direction_deg: float, height_m: float) -> tuple[Reached, np.ndarray]:
-    """Where a lane begins, and its joint path."""
-    way = lane(LAYOUT.cells[cell], direction_deg, STAGING_X)
+    """Where a corridor begins, and its joint path."""
+    way = corridor(LAYOUT.cells[cell], direction_deg, STAGING_X)
     ready = kinematics.ready(STAGING_X)
     _, staged = kinematics.line(ready, np.array([*way.staging_xy, height_m]), way.heading_rad)
     path, _ = kinematics.line(staged, np.array([*way.cell_xy, height_m]), way.heading_rad)
     return staged, path
 
 
-def test_a_lane_is_followed_in_small_steps(kinematics):
+def test_a_corridor_is_followed_in_small_steps(kinematics):
     staged, path = follow(kinematics, 6, 30.0, ARM.grasp_height_m)
     assert np.abs(np.diff(np.vstack([staged.joints, path]), axis=0)).max() < LARGEST_STEP_RAD / 2
     assert (path[:, 2] == 0.0).all()  # the joint that is held, so that a pose has one posture
 
 
-def test_lanes_are_straight_in_space(kinematics):
+def test_corridors_are_straight_in_space(kinematics):
     staged, path = follow(kinematics, 12, 20.0, ARM.grasp_height_m)
     at = np.array([kinematics.tool(joints)[:3, 3] for joints in path])
     along = (at[-1] - staged.xyz) / np.linalg.norm(at[-1] - staged.xyz)
@@ -92,27 +92,26 @@ def test_what_is_carried_meets_objects_table_and_the_arm(kinematics):
     """Alone, so that nothing else of the arm is what is met."""
     checker = CollisionChecker(kinematics, [WIDEST, WIDEST], LAYOUT.front_m - TABLE_OVERHANG_M)
     _, path = follow(kinematics, 8, 0.0, ARM.grasp_height_m + ARM.lift_m)
-    assert checker.first_contact(path, {}, held=0) is None
-    # An object beside the end of the lane, which the carried one overlaps and the hand does not.
+    assert checker.first_contact(path, {}, held=Held(0)) is None
+    # An object beside the end of the corridor, which the carried one overlaps and the hand does not.
     x, y = LAYOUT.cells[8]
-    contact = checker.first_contact(path, {1: Standing((x + 0.049, y))}, held=0)
+    contact = checker.first_contact(path, {1: Standing((x + 0.049, y))}, held=Held(0))
     assert contact is not None
     assert (contact.part, contact.body) == ("carried object", 1)
     _, low = follow(kinematics, 8, 0.0, ARM.grasp_height_m - 0.02)
     assert checker.first_contact(low, {}) is None
-    contact = checker.first_contact(low, {}, held=0)
+    contact = checker.first_contact(low, {}, held=Held(0))
     assert contact is not None
     assert (contact.part, contact.other) == ("carried object", "table")
     # As tall as the forearm is high, and held below it.
     tall = CollisionChecker(kinematics, [Body("cuboid", 0.025, 0.45)], LAYOUT.front_m - TABLE_OVERHANG_M)
-    assert tall.first_contact(path, {}, held=0) is None
-    tall.grasp(0, -0.25, 0.0)
-    contact = tall.first_contact(path, {}, held=0)
+    assert tall.first_contact(path, {}, held=Held(0)) is None
+    contact = tall.first_contact(path, {}, held=Held(0, along_m=-0.25))
     assert contact is not None
     assert (contact.part, contact.other) == ("carried object", "forearm")
 
 
-def test_an_arm_folded_onto_itself_is_told(kinematics):
+def test_an_arm_folded_onto_itself_is_a_contact(kinematics):
     checker = CollisionChecker(kinematics, [WIDEST], LAYOUT.front_m - TABLE_OVERHANG_M)
     folded = np.array([[-0.29, 1.04, 0.0, -2.92, -0.55, 0.73, -2.37]])
     contact = checker.first_contact(folded, {})

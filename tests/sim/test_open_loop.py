@@ -15,17 +15,21 @@ import sapien
 
 from dore.errors import InputError
 from dore.sim.config import preset
-from dore.sim.motion.outcome import Outcome
-from dore.sim.motion.rehearsal import Refused, tasks_of
-from dore.sim.run.feedback import Truth
-from dore.sim.run.open_loop import conclude, execute, rehearse
+from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.motion.outcome import Outcome, Refused
+from dore.sim.motion.rehearsal import Rehearsal, tasks_of
+from dore.sim.run import execution
+from dore.sim.run.execution import Execution
+from dore.sim.run.feedback import PrivilegedState
+from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.operator import Operator
-from dore.sim.run.setup import REPORT_NAME, VIDEO_NAME, Stage
-from dore.sim.scene.agent import render_backend
+from dore.sim.run.report import ExecutionReport
+from dore.sim.run.setup import CONTROL_S, REPORT_NAME, VIDEO_NAME, Setup
 from dore.world.layout import Layout
-from dore.world.plan import Move, Plan, PlanFile, Scene, Status, replay
-from dore.world.problem import Problem
+from dore.world.plan import Move, Plan, PlanFile, Status, replay
+from dore.world.problem import Problem, Scene
 from dore.world.reach import Reach
+from tests.rendering import needs_vulkan
 
 pytestmark = pytest.mark.sim
 
@@ -37,9 +41,13 @@ ARM = preset("arm/panda_slim")
 OBJECTS = preset("objects/mixed")
 
 
-def stage(**changes: Any) -> Stage:
+def setup(**changes: Any) -> Setup:
     """Without pictures."""
-    return replace(Stage(ARM, OBJECTS, preset("camera/corner"), seed=0, film=False), **changes)
+    return replace(Setup(ARM, OBJECTS, preset("view/corner"), preset("camera/kinect"), seed=0, film=False), **changes)
+
+
+def execute(plan_file: PlanFile, setup: Setup, folder: Path) -> ExecutionReport:
+    return execution.execute(OpenLoop(plan_file), setup, folder)
 
 
 def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
@@ -54,7 +62,7 @@ FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0
 def fig7(tmp_path_factory) -> dict[str, Any]:
     """The paper's Fig. 7 plan, carried out in state mode: its report as the file holds it."""
     folder = tmp_path_factory.mktemp("fig7")
-    execute(FIG7_PLAN, stage(), folder)
+    execute(FIG7_PLAN, setup(), folder)
     assert [file.name for file in folder.iterdir()] == [REPORT_NAME]
     return json.loads((folder / REPORT_NAME).read_text())
 
@@ -81,7 +89,7 @@ def test_fig7_report_says_what_each_move_did(fig7):
 
 
 def test_same_seed_same_execution(tmp_path):
-    one, two = (execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(seed=5), tmp_path / n) for n in "ab")
+    one, two = (execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), setup(seed=5), tmp_path / n) for n in "ab")
     assert one.success
     for report in (one, two):
         report.wall_s = report.rehearsal_s = 0.0
@@ -89,8 +97,8 @@ def test_same_seed_same_execution(tmp_path):
     assert one == two
 
 
-def test_a_lane_through_an_object_is_refused_before_anything_moves(tmp_path):
-    report = execute(plan_of(), stage(), tmp_path)
+def test_a_corridor_through_an_object_is_refused_before_anything_moves(tmp_path):
+    report = execute(plan_of(), setup(), tmp_path)
     assert report.refused
     assert not report.success
     assert report.outcome is Outcome.BLOCKED
@@ -102,32 +110,36 @@ def test_a_lane_through_an_object_is_refused_before_anything_moves(tmp_path):
 
 def test_a_carried_object_that_would_touch_another_is_refused():
     scene = Scene(LAYOUT, obstacles=(2, 9), target=17)
+    plan = plan_of(Move(2, 14, 0.0, 24.0), scene=scene)
     with pytest.raises(
         Refused, match=r"move 1 \(3 to 15\): insert: the .* would touch the object on cell 10"
     ) as caught:
-        rehearse(plan_of(Move(2, 14, 0.0, 24.0), scene=scene), stage(), OBJECTS.draw(3, np.random.default_rng(0)))
+        OpenLoop(plan).begin(setup(), OBJECTS.draw(3, np.random.default_rng(0)))
     assert caught.value.outcome is Outcome.BLOCKED
 
 
 def test_what_the_arm_cannot_reach_is_refused():
-    far = Layout.grid(3, 6, 0.12, 0.90)
-    bodies = OBJECTS.draw(1, np.random.default_rng(0))
-    with pytest.raises(Refused, match=r"target \(15\)") as caught:
-        rehearse(plan_of(scene=Scene(far, (), 14)), stage(), bodies)
-    assert caught.value.outcome is Outcome.OUT_OF_REACH
-    with pytest.raises(Refused, match="heads 8"):
-        rehearse(plan_of(scene=Scene(LAYOUT, (), 0), target_direction_deg=55.0), stage(), bodies)
+    bodies, kinematics = OBJECTS.draw(1, np.random.default_rng(0)), setup().kinematics
+    for layout, cell, direction, says in (
+        (Layout.grid(3, 6, 0.12, 0.90), 14, 0.0, r"target \(15\): approach: no joint angles"),
+        (LAYOUT, 0, 55.0, r"target \(1\): its corridor heads 8"),
+        (LAYOUT, 17, 40.0, r"its corridor begins at y = -0\.4\d+ m, want within \+-0\.42"),
+    ):
+        scene, rehearsal = Scene(layout, (), cell), Rehearsal(layout, kinematics, bodies, CONTROL_S)
+        with pytest.raises(Refused, match=says) as caught:
+            rehearsal.play(rehearsal.start(scene), tasks_of(scene, plan_of(target_direction_deg=direction).plan))
+        assert caught.value.outcome is Outcome.OUT_OF_REACH
 
 
 def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(tmp_path):
     far = Layout.grid(6, 3, 0.12, 0.50)
     plan = PlanFile(Problem(Scene(far, (), 4), Reach(far, 0.10, 30.0, 61)), Plan(Status.SOLVED, (), 0.0, "test", 0.0))
-    report = execute(plan, stage(), tmp_path / "far")
+    report = execute(plan, setup(), tmp_path / "far")
     assert report.refused
     assert report.outcome is Outcome.OUT_OF_REACH
     assert re.fullmatch(r"refused: the layout: cells (\d+, )*17(, \d+)* are out of the arm's reach", report.message)
     other = Reach(LAYOUT, 0.08, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
-    report = execute(PlanFile(Problem(FIG7, other), FIG7_PLAN.plan), stage(), tmp_path / "other")
+    report = execute(PlanFile(Problem(FIG7, other), FIG7_PLAN.plan), setup(), tmp_path / "other")
     assert report.refused
     assert report.outcome is Outcome.OTHER_REACH
     assert "made for another reach: " in report.message
@@ -136,25 +148,25 @@ def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(
 
 def test_an_unsolved_plan_is_refused_and_low_objects_are_bad_input(tmp_path):
     plan = Plan(Status.GAVE_UP, (), None, "test", 0.0, reason="node budget")
-    report = execute(PlanFile(Problem(FIG7, REACH), plan), stage(), tmp_path)
+    report = execute(PlanFile(Problem(FIG7, REACH), plan), setup(), tmp_path)
     assert report.refused
     assert report.outcome is Outcome.NO_PLAN
     assert report.message == "refused: test: gave_up (node budget)"
     with pytest.raises(InputError, match=r"objects\.height_m"):
-        stage(objects=replace(OBJECTS, height_m=(0.05, 0.06)))
+        setup(objects=replace(OBJECTS, height_m=(0.05, 0.06)))
 
 
 def test_an_interrupted_execution_leaves_a_report_that_says_so(tmp_path, monkeypatch):
     run = Operator.run
 
-    def interrupted(self, task):
+    def interrupted(self, rehearsal, state, task):
         if task.name.startswith("move 2"):
             raise KeyboardInterrupt
-        return run(self, task)
+        return run(self, rehearsal, state, task)
 
     monkeypatch.setattr(Operator, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        execute(FIG7_PLAN, stage(), tmp_path)
+        execute(FIG7_PLAN, setup(), tmp_path)
     report = json.loads((tmp_path / REPORT_NAME).read_text())
     assert report["outcome"] == "incomplete"
     assert not report["finished"]
@@ -164,26 +176,26 @@ def test_an_interrupted_execution_leaves_a_report_that_says_so(tmp_path, monkeyp
 
 def test_a_move_s_end_is_not_enough(tmp_path, monkeypatch):
     """Every motion ends well, and an object has fallen meanwhile: not done."""
-    conclude_ = conclude
+    conclude = Execution.conclude
 
-    def after_an_accident(operator, report):
-        operator._task.objects[1].set_pose(sapien.Pose(p=[0.9, 0.3, 0.03], q=[0.5**0.5, 0.5**0.5, 0, 0]))
-        conclude_(operator, report)
+    def after_an_accident(self):
+        self.world.objects[1].set_pose(sapien.Pose(p=[0.9, 0.3, 0.03], q=[0.5**0.5, 0.5**0.5, 0, 0]))
+        conclude(self)
 
-    monkeypatch.setattr("dore.sim.run.open_loop.conclude", after_an_accident)
-    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(), tmp_path)
+    monkeypatch.setattr(Execution, "conclude", after_an_accident)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), setup(), tmp_path)
     assert report.outcome is Outcome.INCOMPLETE
     assert "not met: all_upright" in report.message
 
 
 def test_jittered_and_turned_objects_are_carried_out(tmp_path):
-    one, two = (stage(jitter_m=0.01, turned=turned).placing(FIG7) for turned in (False, True))
+    one, two = (setup(jitter_m=0.01, turned=turned).placing(FIG7) for turned in (False, True))
     far = np.linalg.norm(one["offsets_m"], axis=1)
     assert (far <= 0.01).all()
     assert (far > 0).all()
     assert (one["yaws_rad"] == 0).all()
     assert len(set(two["yaws_rad"])) == 7
-    assert execute(FIG7_PLAN, stage(jitter_m=0.01, turned=True), tmp_path).success
+    assert execute(FIG7_PLAN, setup(jitter_m=0.01, turned=True), tmp_path).success
 
 
 @pytest.mark.parametrize(
@@ -218,22 +230,70 @@ def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
 
     if after_steps == 0:
         disturb()
-    rehearsal = rehearse(plan, stage(), bodies)
-    rehearsal.begin(scene)
-    senses = Truth(env.unwrapped, rehearsal)
-    assert Operator(env, rehearsal, senses, disturb).run(tasks_of(scene, plan.plan)[0]) is outcome
+    rehearsal = Rehearsal(LAYOUT, setup().kinematics, bodies, CONTROL_S)
+    operator = Operator(env, PrivilegedState(env.unwrapped), disturb)
+    ended, _ = operator.run(rehearsal, rehearsal.start(scene), tasks_of(scene, plan.plan)[0])
+    assert ended is outcome
     env.close()
 
 
+def test_feedback_returns_what_it_sees_and_leaves_what_was_known():
+    """An object off the middle of its cell and turned: in the state that is returned, and not in the one given."""
+    scene, bodies = Scene(LAYOUT, obstacles=(2,), target=12), OBJECTS.draw(2, np.random.default_rng(0))
+    rehearsal = Rehearsal(LAYOUT, setup().kinematics, bodies, CONTROL_S)
+    known = rehearsal.start(scene)
+    env = setup().environment(LAYOUT, bodies, "none")
+    env.reset(options={"cells": [12, 2], "offsets_m": [[0.0, 0.0], [0.01, -0.02]], "yaws_rad": [0.4, 0.0]})
+    outcome, seen = PrivilegedState(env.unwrapped).look(known)
+    assert outcome is Outcome.DONE
+    assert known.standing == rehearsal.start(scene).standing
+    x, y = LAYOUT.cells[2]
+    assert seen.standing[1].xy == pytest.approx((x + 0.01, y - 0.02), abs=1e-4)
+    assert seen.standing[0].yaw_rad == pytest.approx(0.4, abs=1e-4)
+    assert seen.cell_of == known.cell_of
+    env.close()
+
+
+def test_a_rehearsal_depends_on_state_and_task_alone():
+    """The same question in between others gets the same answer, and no state is changed by one."""
+    scene = Scene(LAYOUT, obstacles=(2, 9), target=12)
+    first, second, _ = tasks_of(scene, plan_of(Move(2, 8, 0.0, 0.0), Move(9, 10, 0.0, 0.0), scene=scene).plan)
+    rehearsal = Rehearsal(LAYOUT, setup().kinematics, OBJECTS.draw(3, np.random.default_rng(0)), CONTROL_S)
+    start = rehearsal.start(scene)
+    motions, lifted = rehearsal.pick_up(start, first)
+    x, y, _ = lifted.arm.xyz.tolist()
+    down, after = rehearsal.put_down(lifted, first, held_xy=(x + 0.005, y))
+    rehearsal.play(after, [second])
+    assert start.standing == rehearsal.start(scene).standing
+    assert set(lifted.standing) == {0, 2}
+    assert after.cell_of == {0: 12, 1: 8, 2: 9}
+    repeated = rehearsal.pick_up(start, first)[0], rehearsal.put_down(lifted, first, held_xy=(x + 0.005, y))[0]
+    for given, again in zip((motions, down), repeated, strict=True):
+        assert list(given) == list(again)
+        assert all(np.array_equal(given[name], again[name]) for name in given)
+
+
+def test_the_arm_is_built_once_for_an_execution(tmp_path, monkeypatch):
+    built, make = [], ArmKinematics.__init__
+
+    def counted(self, urdf, arm):
+        built.append(urdf)
+        make(self, urdf, arm)
+
+    monkeypatch.setattr(ArmKinematics, "__init__", counted)
+    assert execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), setup(), tmp_path).success
+    assert len(built) == 1
+
+
 def test_what_is_put_down_elsewhere_is_misplaced(tmp_path, monkeypatch):
-    placed = Truth.placed
+    placed = PrivilegedState.placed
 
     def kicked(self, task):
         self._task.objects[task.body].set_pose(sapien.Pose(p=[0.68, 0.20, 0.076]))
         return placed(self, task)
 
-    monkeypatch.setattr(Truth, "placed", kicked)
-    report = execute(FIG7_PLAN, stage(), tmp_path)
+    monkeypatch.setattr(PrivilegedState, "placed", kicked)
+    report = execute(FIG7_PLAN, setup(), tmp_path)
     assert report.outcome is Outcome.MISPLACED
     assert len(report.moves) == 1
 
@@ -241,7 +301,7 @@ def test_what_is_put_down_elsewhere_is_misplaced(tmp_path, monkeypatch):
 def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
     """The jaws turn it by 34 degrees and shift it; the arm sees that and makes up for it."""
     plan = plan_of(Move(14, 16, 30.0, 0.0), Move(16, 15, -20.0, 30.0), scene=Scene(LAYOUT, (14,), 0))
-    report = execute(plan, stage(objects=replace(OBJECTS, shapes="cuboid")), tmp_path)
+    report = execute(plan, setup(objects=replace(OBJECTS, shapes="cuboid")), tmp_path)
     assert report.success
     assert max(move.placement_error_mm or 0.0 for move in report.moves) < 3.0
 
@@ -273,11 +333,10 @@ def test_irregular_layouts_and_too_many_objects():
         gym.make("DoreTabletop-v1", bodies=bodies, **settings)
 
 
+@needs_vulkan
 def test_a_film_is_made_where_vulkan_is(tmp_path: Path):
-    if render_backend() == "none":
-        pytest.skip("no Vulkan driver here; scripts/install_lavapipe.sh installs one")
-    camera = replace(preset("camera/corner"), width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
-    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), stage(camera=camera, film=True), tmp_path)
+    view = replace(preset("view/corner"), width_px=160, height_px=120, frames_per_s=2.0, playback_speed=4.0)
+    report = execute(plan_of(scene=Scene(LAYOUT, (3,), 2)), setup(view=view, film=True), tmp_path)
     assert report.success
     assert report.video == VIDEO_NAME
     assert sorted(file.name for file in tmp_path.iterdir()) == [REPORT_NAME, VIDEO_NAME, "target.png"]

@@ -11,28 +11,28 @@ import pytest
 
 from dore.errors import InputError
 from dore.sim.config import preset
-from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.depth_noise import INVERSE_DEPTH_STEP, kinect_depth
-from dore.sim.vision.perception import sightings
-from dore.sim.vision.scene_estimate import NotUnderstood, Why, scene_of
+from dore.sim.vision.perception import detections
+from dore.sim.vision.scene_estimate import NotUnderstood, Why, estimate
 from dore.world.layout import Layout
-from dore.world.plan import Scene
+from dore.world.problem import Scene
 from tests.raycast import GREEN, Solid, lying, picture, standing
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
-FULL: EyeConfig = preset("eye/kinect")
+FULL: CameraConfig = preset("camera/kinect")
 SMALL = replace(FULL, width_px=320, height_px=240, patch_m=0.01, fewest_patches=4)
 """A quarter of the pixels, so patches twice as wide."""
 TARGET = standing("cuboid", LAYOUT.cells[14], colour=GREEN)
 
 
-def seen(*solids: Solid, config: EyeConfig = SMALL, **more: Any):
-    return sightings(picture(config, LAYOUT, solids, **more), LAYOUT, config)
+def seen(*solids: Solid, config: CameraConfig = SMALL, **more: Any):
+    return detections(picture(config, LAYOUT, solids, **more), LAYOUT, config)
 
 
 def why(*solids: Solid) -> tuple[Why, str]:
     with pytest.raises(NotUnderstood) as caught:
-        scene_of(seen(*solids), LAYOUT)
+        estimate(seen(*solids), LAYOUT)
     assert "\n" not in str(caught.value)
     return caught.value.why, str(caught.value)
 
@@ -69,8 +69,8 @@ def test_a_noisy_crowded_board_is_read(seed):
     ]  # fmt: skip
     frame = picture(FULL, LAYOUT, solids)
     noisy = replace(frame, depth_m=kinect_depth(frame.depth_m, frame.intrinsic, rng))
-    found = sightings(noisy, LAYOUT, FULL)
-    assert scene_of(found, LAYOUT) == Scene(LAYOUT, tuple(sorted(cells[1:])), cells[0])
+    found = detections(noisy, LAYOUT, FULL)
+    assert estimate(found, LAYOUT).scene == Scene(LAYOUT, tuple(sorted(cells[1:])), cells[0])
     middles = np.array([solid.middle[:2] for solid in solids])
     assert max(np.linalg.norm(middles - one.xy, axis=1).min() for one in found) < 0.004
     assert {one.shape for one in found} == {"cuboid", "cylinder"}
@@ -89,25 +89,25 @@ def test_a_camera_that_hangs_a_little_askew_is_forgiven():
 
 def test_the_scene_has_ids_in_order():
     board = [standing("cylinder", LAYOUT.cells[cell]) for cell in (9, 2, 16)]
-    assert scene_of(seen(*board, TARGET), LAYOUT) == Scene(LAYOUT, (2, 9, 16), 14)
+    assert estimate(seen(*board, TARGET), LAYOUT).scene == Scene(LAYOUT, (2, 9, 16), 14)
 
 
 @pytest.mark.parametrize("shape", ["cuboid", "cylinder"])
 @pytest.mark.parametrize("yaw", [0.0, 0.6, math.pi / 2])
-def test_what_lies_is_told(shape, yaw):
+def test_what_lies_is_reported(shape, yaw):
     kind, message = why(TARGET, lying(shape, LAYOUT.cells[2], yaw=yaw))
     assert kind is Why.NOT_UPRIGHT
     assert "object at (0.5" in message
     assert "0.05 m high" in message
 
 
-def test_two_that_touch_are_told():
+def test_two_that_touch_are_reported():
     x, y = LAYOUT.cells[7]
     kind, _ = why(TARGET, standing("cuboid", (x, y)), standing("cylinder", (x, y - 0.051)))
     assert kind is Why.NOT_UPRIGHT
 
 
-def test_two_in_a_cell_are_told():
+def test_two_in_a_cell_are_reported():
     x, y = LAYOUT.cells[7]
     two = standing("cylinder", (x - 0.035, y - 0.035), 0.02), standing("cylinder", (x + 0.035, y + 0.035), 0.02)
     kind, message = why(TARGET, *two)
@@ -115,7 +115,7 @@ def test_two_in_a_cell_are_told():
     assert "two objects in cell 8: the object at (0.64" in message
 
 
-def test_what_stands_before_the_grid_half_hidden_is_told():
+def test_what_stands_before_the_grid_half_hidden_is_reported():
     """The object on cell 4 hides the lower half of the one before it."""
     kind, message = why(TARGET, standing("cuboid", LAYOUT.cells[3]), standing("cuboid", (0.486, -0.06)))
     assert kind is Why.OFF_BOARD
@@ -123,7 +123,7 @@ def test_what_stands_before_the_grid_half_hidden_is_told():
 
 
 @pytest.mark.parametrize("xy", [(0.488, 0.06), (0.488, -0.31), (0.68, 0.42), (0.92, 0.0)])
-def test_what_stands_off_the_board_is_told(xy):
+def test_what_stands_off_the_board_is_reported(xy):
     """Before the grid, beside it and beyond it."""
     kind, message = why(TARGET, standing("cuboid", xy))
     assert kind is Why.OFF_BOARD
@@ -131,13 +131,13 @@ def test_what_stands_off_the_board_is_told(xy):
     assert message.endswith("is outside every cell")
 
 
-def test_no_target_and_two_targets_are_told():
-    assert why(standing("cuboid", LAYOUT.cells[3])) == (Why.NO_TARGET, "the camera: no target seen; 1 obstacles are")
+def test_no_target_and_two_targets_are_reported():
+    assert why(standing("cuboid", LAYOUT.cells[3])) == (Why.NO_TARGET, "the camera: no target seen, but 1 obstacles")
     other = standing("cylinder", LAYOUT.cells[3], colour=GREEN)
     assert why(TARGET, other) == (Why.TWO_TARGETS, "the camera: 2 targets seen, in cells 4 and 15; want one")
 
 
-def test_a_hand_before_the_grid_is_left_out_and_over_a_cell_told():
+def test_a_hand_before_the_grid_is_left_out_and_over_a_cell_reported():
     hand, fingertips = (
         standing("cuboid", (x, 0.0), 0.02, height, bottom=0.10) for x, height in ((0.47, 0.5), (0.43, 0.1))
     )
@@ -147,38 +147,38 @@ def test_a_hand_before_the_grid_is_left_out_and_over_a_cell_told():
     assert kind is Why.NOT_UPRIGHT
 
 
-def test_no_table_is_told():
+def test_no_table_is_reported():
     frame = picture(SMALL, LAYOUT, [])
     with pytest.raises(NotUnderstood, match="no table") as caught:
-        sightings(replace(frame, depth_m=np.zeros_like(frame.depth_m)), LAYOUT, SMALL)
+        detections(replace(frame, depth_m=np.zeros_like(frame.depth_m)), LAYOUT, SMALL)
     assert caught.value.why is Why.NO_TABLE
 
 
 def test_the_target_by_segment_whatever_its_colour():
     config = replace(SMALL, target_by="segmentation")
     frame = picture(config, LAYOUT, [standing("cuboid", LAYOUT.cells[3]), TARGET])
-    first, second = sightings(frame, LAYOUT, config)
+    first, second = detections(frame, LAYOUT, config)
     assert (first.is_target, second.is_target) == (True, False)
     with pytest.raises(ValueError, match="has none"):
-        sightings(replace(frame, segmentation=None), LAYOUT, config)
+        detections(replace(frame, segmentation=None), LAYOUT, config)
 
 
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"noise": "snow"}, "eye.noise: got 'snow', want one of kinect, none"),
-        ({"target_by": "name"}, "eye.target_by"),
-        ({"eye_m": (0.0, math.nan, 1.0)}, "eye.eye_m"),
-        ({"eye_m": (-0.02, 0.0, 1.0)}, "which way is up"),
-        ({"look_at_m": (0.0, 1.0)}, "eye.look_at_m: got"),
-        ({"target_hue_deg": (170.0, 105.0)}, "eye.target_hue_deg"),
-        ({"field_of_view_deg": 180.0}, "eye.field_of_view_deg"),
-        ({"width_px": 2}, "eye.width_px"),
-        ({"patch_m": 0.0}, "eye.patch_m"),
-        ({"tallest_m": 0.01}, "eye.tallest_m: got 0.01, want more than"),
+        ({"noise": "snow"}, "camera.noise: got 'snow', want one of kinect, none"),
+        ({"target_by": "name"}, "camera.target_by"),
+        ({"position_m": (0.0, math.nan, 1.0)}, "camera.position_m"),
+        ({"position_m": (-0.02, 0.0, 1.0)}, "which way is up"),
+        ({"look_at_m": (0.0, 1.0)}, "camera.look_at_m: got"),
+        ({"target_hue_deg": (170.0, 105.0)}, "camera.target_hue_deg"),
+        ({"field_of_view_deg": 180.0}, "camera.field_of_view_deg"),
+        ({"width_px": 2}, "camera.width_px"),
+        ({"patch_m": 0.0}, "camera.patch_m"),
+        ({"tallest_m": 0.01}, "camera.tallest_m: got 0.01, want more than"),
     ],
 )
-def test_a_bad_eye_is_refused(change, says):
+def test_a_bad_camera_is_refused(change, says):
     with pytest.raises(InputError, match=says):
         replace(FULL, **change)
 

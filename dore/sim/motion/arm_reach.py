@@ -1,4 +1,4 @@
-"""One truth for planning and executing: the reach that an arm gives the planners, and what differs from another's."""
+"""The reach that an arm gives the planners, so that they plan with what it can do, and how another reach differs."""
 
 from __future__ import annotations
 
@@ -8,32 +8,32 @@ import numpy as np
 from torch import Tensor
 
 from dore.sim.config import ArmConfig, ObjectConfig
-from dore.sim.motion.frames import Array, lane
+from dore.sim.motion.frames import Array, corridor
 from dore.sim.motion.kinematics import ArmKinematics, Reached, Unreachable
 from dore.sim.scene.urdf import arm_files
 from dore.world.board import unpack
 from dore.world.layout import Layout
-from dore.world.plan import cell_id
+from dore.world.problem import cell_id
 from dore.world.reach import Reach
 
 _END_TRIES = 20
-"""Steps to the end of a lane before it counts as out of reach; those of 3 x 6 take 10 at most."""
+"""Steps to the end of a corridor before it counts as out of reach; on 3 x 6 cells 10 are enough."""
 
 
 def arm_reach(arm: ArmConfig, objects: ObjectConfig, layout: Layout, kinematics: ArmKinematics | None = None) -> Reach:
-    """The reach of an arm among objects: `reach=panda_slim` holds these numbers, as a test checks.
+    """The reach of an arm among objects; `reach=panda_slim` has the same numbers, as a test checks.
 
-    Half a lane's width is that of the open hand, or of the widest object in it, plus the widest object beside the
-    lane, plus the margin; rounded up to the millimetre.
+    Half a corridor's width is that of the open hand, or of the widest object in it, plus the widest object beside the
+    corridor, plus the margin; rounded up to the millimetre.
 
-    kinematics: of the same arm, where the caller has it.
+    kinematics: of the same arm, where the caller has built it.
 
     Raises:
         InputError: an arm whose description is missing or wrong.
     """
     kinematics = kinematics or ArmKinematics(arm_files(visuals=False, arm=arm), arm)
     widest = objects.widest.radius_m
-    clearance = max(kinematics.hand_half_width_m, widest) + widest + arm.lane_margin_m
+    clearance = max(kinematics.hand_half_width_m, widest) + widest + arm.corridor_margin_m
     return Reach(
         layout,
         clearance_m=math.ceil(1e3 * clearance - 1e-6) / 1e3,
@@ -41,14 +41,14 @@ def arm_reach(arm: ArmConfig, objects: ObjectConfig, layout: Layout, kinematics:
         n_sectors=arm.n_sectors,
         staging_m=arm.staging_m,
         lateral_limit_m=arm.lateral_limit_m,
-        max_yaw_deg=arm.heading_limit_deg,
+        max_yaw_deg=arm.max_yaw_deg,
     )
 
 
-def lane_differences(planned: Reach, own: Reach) -> str | None:
+def corridor_differences(planned: Reach, own: Reach) -> str | None:
     """What a plan made for one reach may ask of an arm with another, in words; None: nothing that it cannot do.
 
-    Each lane of `planned` is looked at under `own`'s rules, at its own direction: whether it is allowed there but not
+    Each corridor of `planned` is checked under `own`'s rules, at its own direction: whether it is allowed there but not
     here, and whether fewer cells must be empty for it there. Both are of the same layout.
     """
     here = Reach(
@@ -62,20 +62,20 @@ def lane_differences(planned: Reach, own: Reach) -> str | None:
     narrower = planned.lanes & followed & (needed & ~asked).any(-1)
     total = int(planned.lanes.sum())
     found = [
-        f"{int(lanes.sum())} of its {total} lanes ({_ids(lanes.any(-1))}) {what}"
-        for lanes, what in (
-            (not_here, "are none of this arm's"),
+        f"{int(corridors.sum())} of its {total} corridors ({_ids(corridors.any(-1))}) {what}"
+        for corridors, what in (
+            (not_here, "are not this arm's"),
             (narrower, "have fewer blocking cells than this arm needs empty"),
         )
-        if bool(lanes.any())
+        if bool(corridors.any())
     ]
     return "; ".join(found) or None
 
 
 def cells_out_of_reach(layout: Layout, reach: Reach, kinematics: ArmKinematics) -> tuple[int, ...]:
-    """Cells, from 0, that no allowed lane of `reach` leads to by the arm's inverse kinematics.
+    """Cells, from 0, that no allowed corridor of `reach` leads to by the arm's inverse kinematics.
 
-    A lane's end is tried before its way there, and lanes straight out before others. Contacts are not looked at.
+    A corridor's end is tried before the way there, and corridors straight out before others. Contacts are not checked.
     """
     try:
         ready = kinematics.ready(layout.front_m - kinematics.arm.staging_m)
@@ -92,17 +92,17 @@ def cells_out_of_reach(layout: Layout, reach: Reach, kinematics: ArmKinematics) 
     )
 
 
-def follow_lane(
+def follow_corridor(
     kinematics: ArmKinematics, ready: Reached, cell_xy: tuple[float, float], direction_deg: float
 ) -> tuple[Array, Array, Array]:
-    """A lane from the ready posture: joints Float64[N, J] along the staging line, into the cell at grasp height,
+    """A corridor from the ready posture: joints Float64[N, J] along the staging line, into the cell at grasp height,
     and, lifted, out of it again.
 
     Raises:
-        Unreachable: a point of it is, or only by changing the branch.
-        ValueError: the lane does not come from the staging line.
+        Unreachable: a point of it is out of reach, or only reached on another branch.
+        ValueError: the corridor does not come from the staging line.
     """
-    arm, way = kinematics.arm, lane(cell_xy, direction_deg, float(ready.xyz[0]))
+    arm, way = kinematics.arm, corridor(cell_xy, direction_deg, float(ready.xyz[0]))
     low, high, heading = arm.grasp_height_m, arm.grasp_height_m + arm.lift_m, way.heading_rad
     along, at = kinematics.line(ready, np.array([*way.staging_xy, low]), heading)
     into, at = kinematics.line(at, np.array([*cell_xy, low]), heading)
@@ -115,9 +115,9 @@ def follow_lane(
 def _leads_to(kinematics: ArmKinematics, ready: Reached, xy: tuple[float, float], direction_deg: float) -> bool:
     arm, staging_x = kinematics.arm, float(ready.xyz[0])
     try:
-        heading = lane(xy, direction_deg, staging_x).heading_rad
+        heading = corridor(xy, direction_deg, staging_x).heading_rad
         kinematics.solve(np.array([*xy, arm.grasp_height_m + arm.lift_m]), heading, ready.joints, _END_TRIES)
-        follow_lane(kinematics, ready, xy, direction_deg)
+        follow_corridor(kinematics, ready, xy, direction_deg)
     except (Unreachable, ValueError):
         return False
     return True

@@ -1,8 +1,8 @@
-"""Would the arm, or what it carries, touch anything? Checked by coal through Pinocchio, before anything moves."""
+"""Contacts of the arm, and of what it carries, on a joint path; found by coal through Pinocchio."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import coal
@@ -26,6 +26,15 @@ class Standing:
 
     xy: tuple[float, float]
     yaw_rad: float = 0.0
+
+
+@dataclass(frozen=True)
+class Held:
+    """A body in the hand, upright; its axis along the heading from the tool point, and to its left, metres."""
+
+    body: int
+    along_m: float = 0.0
+    across_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -61,27 +70,27 @@ class CollisionChecker:
         self._kin_data = self._model.createData()
 
     def first_contact(
-        self, path: Array, standing: dict[int, Standing], held: int | None = None, reached_for: int | None = None
+        self, path: Array, standing: Mapping[int, Standing], held: Held | None = None, reached_for: int | None = None
     ) -> Contact | None:
-        """What the arm meets first on a joint path Float64[N, J], or None: the path is free.
+        """What the arm touches first on a joint path Float64[N, J]; None: nothing.
 
         standing: where each object on the table stands.
-        held: the object in the hand, upright, where `grasp` last said.
+        held: the object in the hand; if it is in `standing` too, it is not met there.
         reached_for: the object between the open fingers, which may come close but not touch.
         """
-        self._place(standing)
-        self._activate(set(standing), held, reached_for)
+        self._place(standing, held)
+        self._activate(set(standing), None if held is None else held.body, reached_for)
         for joints in path:
             if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, True):
                 return self._name_contact()
         return None
 
     def touched(
-        self, path: Array, standing: dict[int, Standing], held: int | None = None, reached_for: int | None = None
+        self, path: Array, standing: Mapping[int, Standing], held: Held | None = None, reached_for: int | None = None
     ) -> set[int]:
-        """All objects that the arm, or what it holds, meets on a joint path Float64[N, J]; arguments as above."""
-        self._place(standing)
-        self._activate(set(standing), held, reached_for)
+        """All objects that the arm, or what it holds, touches on a joint path Float64[N, J]; arguments as above."""
+        self._place(standing, held)
+        self._activate(set(standing), None if held is None else held.body, reached_for)
         found: set[int] = set()
         for joints in path:
             if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, False):
@@ -91,23 +100,19 @@ class CollisionChecker:
     def _fixed(self, name: str, shape: coal.CollisionGeometry, where: pin.SE3) -> int:
         return self._scene.addGeometryObject(pin.GeometryObject(name, 0, 0, where, shape))
 
-    def grasp(self, index: int, along_m: float, across_m: float) -> None:
-        """Where an object's axis is in the hand: along the heading from the tool point, and to its left; metres."""
-        self._scene.geometryObjects[self._carried[index]].placement = self._in_hand(index, along_m, across_m)
-
     def _held(self, index: int, body: Body) -> int:
         """The body in the hand, upright."""
         shape = _solid(Body(body.shape, body.half_width_m, body.height_m - _BOTTOM_GAP_M))
         joint = self._model.frames[self._tool].parentJoint
-        placement = self._in_hand(index, 0.0, 0.0)
+        placement = self._in_hand(Held(index))
         return self._scene.addGeometryObject(pin.GeometryObject(f"carried{index}", joint, joint, placement, shape))
 
-    def _in_hand(self, index: int, along_m: float, across_m: float) -> pin.SE3:
-        """Pose of a held body in the last joint's frame; its bottom a little raised off the table that it leaves."""
+    def _in_hand(self, held: Held) -> pin.SE3:
+        """Pose of a held body in the last joint's frame; its bottom a little above the table that it leaves."""
         arm = self._kin.arm
         tool = pin.SE3(hand_pose(np.array([0.0, 0.0, arm.grasp_height_m]), 0.0, arm.tilt_rad))
-        height = (self._bodies[index].height_m + _BOTTOM_GAP_M) / 2
-        upright = pin.SE3(np.eye(3), np.array([along_m, across_m, height]))
+        height = (self._bodies[held.body].height_m + _BOTTOM_GAP_M) / 2
+        upright = pin.SE3(np.eye(3), np.array([held.along_m, held.across_m, height]))
         return self._model.frames[self._tool].placement * tool.actInv(upright)
 
     def _pair_up(self) -> None:
@@ -127,11 +132,13 @@ class CollisionChecker:
             self._scene.addCollisionPair(pin.CollisionPair(a, b))
         self._pairs = pairs
 
-    def _place(self, standing: dict[int, Standing]) -> None:
+    def _place(self, standing: Mapping[int, Standing], held: Held | None) -> None:
         for index, where in standing.items():
             centre = np.array([*where.xy, self._bodies[index].height_m / 2 + self._drop])
             rotation = pin.utils.rotate("z", where.yaw_rad)
             self._scene.geometryObjects[self._standing[index]].placement = pin.SE3(rotation, centre)
+        if held is not None:
+            self._scene.geometryObjects[self._carried[held.body]].placement = self._in_hand(held)
 
     def _activate(self, standing: set[int], held: int | None, reached_for: int | None) -> None:
         here = {self._standing[i] for i in standing if i != held}

@@ -1,4 +1,4 @@
-"""Cells and metres: where a hand must be to enter a cell along a lane. NumPy only.
+"""Cells and metres: where a hand must be to enter a cell along an approach corridor. NumPy only.
 
 World frame: REP-103 at the robot base's axis, +x away from the robot, +y to its left; z = 0 is the table top.
 """
@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Lane:
-    """A straight way into a cell, from a staging line in front of the grid.
+class Corridor:
+    """A straight approach into a cell, from a staging line in front of the grid.
 
-    cell_xy: (x, y) where the lane ends, metres.
+    cell_xy: (x, y) where it ends, metres.
     staging_xy: (x, y) where it begins, metres.
     heading_rad: the hand's yaw on it, world frame, +x = 0, counter-clockwise.
     """
@@ -28,25 +28,25 @@ class Lane:
     heading_rad: float
 
 
-def lane(cell_xy: tuple[float, float], direction_deg: float, staging_x: float) -> Lane:
-    """The lane of a cell for an approach direction.
+def corridor(cell_xy: tuple[float, float], direction_deg: float, staging_x: float) -> Corridor:
+    """The approach corridor of a cell for a direction.
 
     direction_deg: degrees, counter-clockwise, about the direction from the cell to the robot base (0: the arm
         reaches straight out to the cell).
     staging_x: x of the staging line, metres.
 
     Raises:
-        ValueError: the lane never meets the staging line in front of the cell.
+        ValueError: it never meets the staging line in front of the cell.
     """
     x, y = cell_xy
     heading = math.remainder(math.atan2(y, x) + math.radians(direction_deg), math.tau)
     if staging_x >= x or abs(heading) >= math.pi / 2 - 1e-6:
         raise ValueError(
-            f"lane into ({x:.3f}, {y:.3f}) heading {math.degrees(heading):.1f} deg does not come from the staging "
+            f"corridor into ({x:.3f}, {y:.3f}) heading {math.degrees(heading):.1f} deg does not come from the staging "
             f"line x = {staging_x:.3f} m"
         )
     staging = (staging_x, y - (x - staging_x) * math.tan(heading))
-    return Lane((x, y), staging, heading)
+    return Corridor((x, y), staging, heading)
 
 
 def hand_pose(xyz: Array, heading_rad: float, tilt_rad: float) -> Array:
@@ -65,7 +65,7 @@ def hand_pose(xyz: Array, heading_rad: float, tilt_rad: float) -> Array:
 
 
 def straight(start: Array, end: Array, spacing_m: float) -> Array:
-    """Float64[N, 3]: evenly spaced points from `start` (left out) to `end` (held), at most `spacing_m` apart."""
+    """Float64[N, 3]: evenly spaced points from `start` (excluded) to `end` (included), at most `spacing_m` apart."""
     steps = max(1, math.ceil(float(np.linalg.norm(end - start)) / spacing_m))
     return start + np.linspace(0.0, 1.0, steps + 1)[1:, None] * (end - start)
 

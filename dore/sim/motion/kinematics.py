@@ -1,7 +1,8 @@
-"""The arm's kinematics by Pinocchio: inverse kinematics on one joint branch, and straight lines in space."""
+"""The arm's kinematics by Pinocchio: inverse kinematics on one joint branch, straight lines and their timing."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,8 @@ WAYPOINT_M = 0.01
 WAYPOINT_RAD = np.radians(2.0)
 LARGEST_STEP_RAD = 0.25
 """More than this between two neighbouring waypoints is a jump to another branch."""
+_PEAK_SPEED = 1.875
+"""Peak of the derivative of the quintic that rises from 0 to 1 in unit time, at rest at both ends."""
 
 
 class Unreachable(Exception):
@@ -40,7 +43,7 @@ class ArmKinematics:
     World frame: z = 0 is the table top; the base stands `base_drop_m` below it, at the origin.
 
     Args:
-        urdf: the arm's description (`description.arm_files`).
+        urdf: the arm's description (`scene.urdf.arm_files`).
         arm: what it is, how it stands and how its hand is tilted.
     """
 
@@ -83,7 +86,7 @@ class ArmKinematics:
         """The arm at the middle of the staging line, the hand straight ahead at grasp height.
 
         Raises:
-            Unreachable: there is none.
+            Unreachable: no joint angles put it there.
         """
         xyz = np.array([staging_x, 0.0, self.arm.grasp_height_m])
         return Reached(self.solve(xyz, 0.0, np.array(self.arm.model.ready_seed), tries=200), xyz, 0.0)
@@ -161,3 +164,37 @@ def _corners(shape: coal.CollisionGeometry) -> Array:
     shape.computeLocalAABB()
     low, high = shape.aabb_local.min_, shape.aabb_local.max_
     return np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+
+
+def timed(
+    path: Array, length_m: float, dt: float, hand_speed: float, joint_speed: Array, joint_acceleration: Array
+) -> Array:
+    """Joint commands Float64[T, D], every `dt` seconds, at rest at both ends; the last one is the path's end.
+
+    Args:
+        path: Float64[N, D], radians; N >= 2, the first row is where the arm is.
+        length_m: what the hand travels, metres.
+        hand_speed: its highest speed, m/s.
+        joint_speed, joint_acceleration: Float64[D], limits in rad/s and rad/s^2.
+    """
+    seconds = max(_PEAK_SPEED * length_m / hand_speed, 2 * dt)
+    while True:
+        commands = _sample(path, seconds, dt)
+        velocity = np.diff(commands, axis=0, prepend=path[:1]) / dt
+        acceleration = np.diff(velocity, axis=0, prepend=np.zeros_like(path[:1])) / dt
+        too_fast = max(
+            float((np.abs(velocity) / joint_speed).max()),
+            math.sqrt(float((np.abs(acceleration) / joint_acceleration).max())),
+        )
+        if too_fast <= 1.0:
+            return commands
+        seconds *= max(too_fast, 1.02)
+
+
+def _sample(path: Array, seconds: float, dt: float) -> Array:
+    """The path under a quintic time law, every `dt`."""
+    steps = max(1, math.ceil(seconds / dt))
+    t = np.arange(1, steps + 1) / steps
+    along = t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+    knots = np.linspace(0.0, 1.0, len(path))
+    return np.column_stack([np.interp(along, knots, joint) for joint in path.T])

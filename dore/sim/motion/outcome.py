@@ -1,4 +1,4 @@
-"""How a motion, a move or a whole execution ended."""
+"""How a motion, a move or a whole execution ended, and the refusal of one."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from enum import StrEnum
 
 
 class Outcome(StrEnum):
-    """Named ends. The first is the only good one."""
+    """Named outcomes. The first is the only success."""
 
     DONE = "done"
     OUT_OF_REACH = "out_of_reach"
-    """Refused: the arm cannot take a pose of a lane, on its branch and within its limits."""
+    """Refused: the arm cannot follow an approach corridor on its joint branch and within its limits."""
     BLOCKED = "blocked"
     """Refused: the arm, or what it carries, would touch something."""
     OTHER_REACH = "other_reach"
@@ -30,14 +30,22 @@ class Outcome(StrEnum):
     MISPLACED = "misplaced"
     """The moved object stands outside its cell."""
     NOT_UNDERSTOOD = "not_understood"
-    """What the camera sees is no board with one target: two objects in a cell, one off the board, none green ..."""
+    """The camera does not see a board with one target: two objects in a cell, one off the board, none green ..."""
     MISSING = "missing"
     """The camera sees fewer objects than before: one has left the table."""
     NO_PLAN = "no_plan"
     """The planner proves that what is seen cannot be solved, or gives up."""
     GAVE_UP = "gave_up"
-    """A closed loop has made all the moves, or met all the faults, that it may."""
+    """A closed loop has reached its limit of moves or faults."""
     UNCONFIRMED = "unconfirmed"
-    """A closed loop's last motion ended well, but what it sees or feels does not say that the target is out."""
+    """A closed loop's last motion ended well, but camera and fingers do not confirm that the target is out."""
     INCOMPLETE = "incomplete"
     """Every motion ended well, and yet the task's own conditions are not all met."""
+
+
+class Refused(Exception):
+    """A task that the arm cannot carry out. `outcome`: why, `where`: which move; the message says it in words."""
+
+    def __init__(self, outcome: Outcome, where: str, reason: str) -> None:
+        super().__init__(f"{where}: {reason}")
+        self.outcome, self.where = outcome, where

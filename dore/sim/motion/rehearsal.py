@@ -1,32 +1,28 @@
-"""The whole plan in kinematics, before anything moves: each motion as joint commands, or a refusal that says why."""
+"""The dry run: motions worked out and checked in kinematics before anything moves.
+
+Everything here is a function of a known state of the world and a task: it gives the motions and the state that they
+lead to, or refuses and says why. Nothing is remembered between calls.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dore.sim.config import ArmConfig
-from dore.sim.motion.collision import CollisionChecker, Standing
-from dore.sim.motion.frames import Array, Lane, lane
-from dore.sim.motion.kinematics import ArmKinematics, Unreachable
-from dore.sim.motion.outcome import Outcome
-from dore.sim.motion.timing import timed
+from dore.sim.config import Body
+from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Held, Standing
+from dore.sim.motion.frames import Array, Corridor, corridor
+from dore.sim.motion.kinematics import ArmKinematics, Reached, Unreachable, timed
+from dore.sim.motion.outcome import Outcome, Refused
 from dore.world.layout import Layout
-from dore.world.plan import Plan, Scene, cell_id
+from dore.world.plan import Plan
+from dore.world.problem import Scene, cell_id
 
 _SET_DOWN_GAP_M = 0.001
-"""How far above the table a carried object is let go, metres."""
-
-
-class Refused(Exception):
-    """A plan that the arm cannot carry out. `outcome`: why, `where`: which move; the message says it in words."""
-
-    def __init__(self, outcome: Outcome, where: str, reason: str) -> None:
-        super().__init__(f"{where}: {reason}")
-        self.outcome, self.where = outcome, where
+"""A carried object is let go this far above the table, metres."""
 
 
 @dataclass(frozen=True)
@@ -60,164 +56,182 @@ def tasks_of(scene: Scene, plan: Plan, first: int = 1) -> tuple[MoveTask, ...]:
     return tuple(tasks)
 
 
+@dataclass(frozen=True)
+class WorldState:
+    """Where the arm and the objects are, as far as is known.
+
+    arm: joints and hand. standing: the objects on the table, by index. cell_of: each object's cell, from 0; of a held
+    one, where it came from.
+    """
+
+    arm: Reached
+    standing: Mapping[int, Standing]
+    cell_of: Mapping[int, int]
+
+
 Motions = dict[str, Array]
 """Joint commands Float64[T, J] of each motion, by name, in order."""
 
 
-class Rehearsal:
-    """Works out the motions of one half-move after the other, from where the last one ended.
+@dataclass(frozen=True)
+class _Motion:
+    """A straight motion of the hand, and what it must not touch."""
 
-    The whole plan is played through it before anything moves. While the arm moves it is begun again, and told
-    before each half-move what is seen: a cuboid that the jaws turned lies up to 10 mm off in the hand.
+    name: str
+    xy: Array | tuple[float, float]
+    z: float
+    heading_rad: float
+    standing: Mapping[int, Standing]
+    held: Held | None = None
+    reached_for: int | None = None
+
+
+class Rehearsal:
+    """Works out the motions of a move, half by half.
 
     Args:
         layout: where the cells are.
         kinematics: the arm.
-        checker: what it must not touch.
+        bodies: the objects, the target first.
         dt: seconds between two joint commands.
     """
 
-    def __init__(self, layout: Layout, kinematics: ArmKinematics, checker: CollisionChecker, dt: float) -> None:
-        self.layout, self.kinematics, self.checker, self.dt = layout, kinematics, checker, dt
-        self.standing: dict[int, Standing] = {}
-        self.cell_of: dict[int, int] = {}
-        self._task = "start"
+    def __init__(self, layout: Layout, kinematics: ArmKinematics, bodies: Sequence[Body], dt: float) -> None:
+        self._layout, self._kinematics, self._dt = layout, kinematics, dt
+        self._arm, self._staging_x = kinematics.arm, layout.front_m - kinematics.arm.staging_m
+        self._checker = CollisionChecker(kinematics, bodies, layout.front_m - TABLE_OVERHANG_M)
 
-    def begin(self, scene: Scene) -> None:
-        """The arm stands ready, and every object in the middle of its cell.
+    def start(self, scene: Scene, standing: Mapping[int, Standing] | None = None) -> WorldState:
+        """The arm ready, and each object where it stands; None: in the middle of its cell.
 
         Raises:
             Refused: the arm cannot reach the middle of the staging line.
         """
-        self.cell_of = dict(enumerate((scene.target, *scene.obstacles)))
-        self.standing = {body: Standing(self.layout.cells[cell]) for body, cell in self.cell_of.items()}
-        self._task = "start"
+        cell_of = dict(enumerate((scene.target, *scene.obstacles)))
+        if standing is None:
+            standing = {body: Standing(self._layout.cells[cell]) for body, cell in cell_of.items()}
         try:
-            self._at = self.kinematics.ready(self.staging_x)
+            ready = self._kinematics.ready(self._staging_x)
         except Unreachable as error:
-            raise Refused(Outcome.OUT_OF_REACH, self._task, str(error)) from None
+            raise Refused(Outcome.OUT_OF_REACH, "start", str(error)) from None
+        return WorldState(ready, standing, cell_of)
 
-    def play(self, tasks: Sequence[MoveTask]) -> None:
-        """All moves as planned.
+    def play(self, state: WorldState, tasks: Sequence[MoveTask]) -> WorldState:
+        """All moves as planned; the state after them.
 
         Raises:
             Refused: the first motion that the arm cannot follow, or on which something would be touched.
         """
         for task in tasks:
-            self.pick_up(task)
+            _, state = self.pick_up(state, task)
             if task.place_cell is not None:
-                self.put_down(task)
+                _, state = self.put_down(state, task)
+        return state
 
-    @property
-    def arm(self) -> ArmConfig:
-        """How the arm stands and moves."""
-        return self.kinematics.arm
-
-    @property
-    def staging_x(self) -> float:
-        """x of the staging line, metres."""
-        return self.layout.front_m - self.arm.staging_m
-
-    def pick_up(self, task: MoveTask) -> Motions:
+    def pick_up(self, state: WorldState, task: MoveTask) -> tuple[Motions, WorldState]:
         """reach (along the staging line), approach, lift and withdraw.
 
         Raises:
             Refused: as `play`.
         """
-        self._task = task.name
-        low, high = self.arm.grasp_height_m, self.arm.grasp_height_m + self.arm.lift_m
-        body, way = task.body, self._lane(self.standing[task.body].xy, task.pick_direction_deg)
-        motions = {
-            "reach": self._go("reach", way.staging_xy, low, way.heading_rad, reached_for=body),
-            "approach": self._go("approach", way.cell_xy, low, way.heading_rad, reached_for=body),
-        }
-        del self.standing[body]
-        self.checker.grasp(body, 0.0, 0.0)
-        motions["lift"] = self._go("lift", way.cell_xy, high, way.heading_rad, held=body)
-        motions["withdraw"] = self._go("withdraw", way.staging_xy, high, way.heading_rad, held=body)
-        return motions
+        low, high = self._arm.grasp_height_m, self._arm.grasp_height_m + self._arm.lift_m
+        body, held = task.body, Held(task.body)
+        way = self._corridor(task, state.standing[body].xy, task.pick_direction_deg)
+        heading, rest = way.heading_rad, {key: one for key, one in state.standing.items() if key != body}
+        return self._chain(task, state, WorldState(state.arm, rest, state.cell_of), [
+            _Motion("reach", way.staging_xy, low, heading, state.standing, reached_for=body),
+            _Motion("approach", way.cell_xy, low, heading, state.standing, reached_for=body),
+            _Motion("lift", way.cell_xy, high, heading, rest, held),
+            _Motion("withdraw", way.staging_xy, high, heading, rest, held),
+        ])  # fmt: skip
 
-    def put_down(self, task: MoveTask, seen_xy: tuple[float, float] | None = None) -> Motions:
+    def put_down(
+        self, state: WorldState, task: MoveTask, held_xy: tuple[float, float] | None = None
+    ) -> tuple[Motions, WorldState]:
         """carry (along the staging line), insert, lower and leave.
 
-        seen_xy: where the held object's axis is, metres; None: right at the tool point.
+        held_xy: where the held object's axis is, metres: a cuboid that the jaws turned is up to 10 mm off; None: at the
+            tool point.
 
         Raises:
             Refused: as `play`.
         """
         if task.place_cell is None:
-            raise ValueError(f"{task.name}: there is nowhere to put it down")
-        body, high = task.body, self.arm.grasp_height_m + self.arm.lift_m
-        low = self.arm.grasp_height_m + _SET_DOWN_GAP_M
-        along, across = self._in_hand(seen_xy)
-        self.checker.grasp(body, along, across)
-        way = self._lane(self.layout.cells[task.place_cell], task.place_direction_deg)
+            raise ValueError(f"{task.name}: no cell to put it down in")
+        body, high = task.body, self._arm.grasp_height_m + self._arm.lift_m
+        low, held = self._arm.grasp_height_m + _SET_DOWN_GAP_M, _in_hand(body, state.arm, held_xy)
+        way = self._corridor(task, self._layout.cells[task.place_cell], task.place_direction_deg)
         heading, (c, s) = way.heading_rad, (math.cos(way.heading_rad), math.sin(way.heading_rad))
         # The object, not the tool point, is to end in the middle of the cell.
-        aside = np.array([c * along - s * across, s * along + c * across])
-        start, end = way.staging_xy - aside, way.cell_xy - aside
-        motions = {
-            "carry": self._go("carry", start, high, heading, held=body),
-            "insert": self._go("insert", end, high, heading, held=body),
-            "lower": self._go("lower", end, low, heading, held=body),
-        }
+        aside = np.array([c * held.along_m - s * held.across_m, s * held.along_m + c * held.across_m])
+        begin, end, rest = way.staging_xy - aside, way.cell_xy - aside, state.standing
         # The jaws have turned a cuboid to face them, so it now stands as the hand was headed.
-        self.standing[body], self.cell_of[body] = Standing(way.cell_xy, heading), task.place_cell
-        motions["leave"] = self._go("leave", start, low, heading, reached_for=body)
-        return motions
+        after = {**rest, body: Standing(way.cell_xy, heading)}
+        return self._chain(
+            task, state, WorldState(state.arm, after, {**state.cell_of, body: task.place_cell}), [
+                _Motion("carry", begin, high, heading, rest, held),
+                _Motion("insert", end, high, heading, rest, held),
+                _Motion("lower", end, low, heading, rest, held),
+                _Motion("leave", begin, low, heading, after, reached_for=body),
+            ])  # fmt: skip
 
-    def park(self, joints: Array) -> Array:
-        """Joint commands Float64[T, J] from before the grid, wherever the arm is there, to its ready posture.
+    def park(self, state: WorldState, joints: Array) -> Array:
+        """Joint commands Float64[T, J] from `joints`, the hand anywhere in front of the grid, to the ready posture.
 
         Raises:
             Refused: as `play`.
         """
-        self._task, self._at = "park", self.kinematics.reached(joints)
-        ready = self.kinematics.ready(self.staging_x)
-        return self._go("park", ready.xyz[:2], float(ready.xyz[2]), ready.heading_rad)
+        ready = self._kinematics.ready(self._staging_x)
+        home = _Motion("park", ready.xyz[:2], float(ready.xyz[2]), ready.heading_rad, state.standing)
+        commands, _ = self._go("park", self._kinematics.reached(joints), home, state.cell_of)
+        return commands
 
-    def _in_hand(self, seen_xy: tuple[float, float] | None) -> tuple[float, float]:
-        """Where the held object's axis is seen from the tool point: along the heading and across it, metres."""
-        if seen_xy is None:
-            return 0.0, 0.0
-        dx, dy = seen_xy[0] - self._at.xyz[0], seen_xy[1] - self._at.xyz[1]
-        c, s = math.cos(self._at.heading_rad), math.sin(self._at.heading_rad)
-        return float(c * dx + s * dy), float(c * dy - s * dx)
+    def _chain(
+        self, task: MoveTask, state: WorldState, after: WorldState, chain: Sequence[_Motion]
+    ) -> tuple[Motions, WorldState]:
+        motions, at = {}, state.arm
+        for motion in chain:
+            motions[motion.name], at = self._go(task.name, at, motion, after.cell_of)
+        return motions, WorldState(at, after.standing, after.cell_of)
 
-    def _lane(self, cell_xy: tuple[float, float], direction_deg: float) -> Lane:
+    def _go(self, where: str, start: Reached, motion: _Motion, cell_of: Mapping[int, int]) -> tuple[Array, Reached]:
+        xyz, arm = np.array([*motion.xy, motion.z]), self._arm
         try:
-            way = lane(cell_xy, direction_deg, self.staging_x)
+            path, end = self._kinematics.line(start, xyz, motion.heading_rad)
+        except Unreachable as error:
+            raise Refused(Outcome.OUT_OF_REACH, where, f"{motion.name}: {error}") from None
+        contact = self._checker.first_contact(path, motion.standing, motion.held, motion.reached_for)
+        if contact is not None:
+            other = contact.other
+            if contact.body is not None:
+                other = f"{'target' if contact.body == 0 else 'object'} on cell {cell_id(cell_of[contact.body])}"
+            raise Refused(Outcome.BLOCKED, where, f"{motion.name}: the {contact.part} would touch the {other}")
+        commands = timed(
+            np.vstack([start.joints, path]), float(np.linalg.norm(xyz - start.xyz)), self._dt,
+            arm.lift_speed_m_s if motion.name in ("lift", "lower") else arm.hand_speed_m_s,
+            arm.joint_speed * self._kinematics.speed_limit, arm.joint_acceleration * np.array(arm.model.acceleration),
+        )  # fmt: skip
+        return commands, end
+
+    def _corridor(self, task: MoveTask, cell_xy: tuple[float, float], direction_deg: float) -> Corridor:
+        try:
+            way = corridor(cell_xy, direction_deg, self._staging_x)
         except ValueError as error:
-            raise Refused(Outcome.OUT_OF_REACH, self._task, str(error)) from None
+            raise Refused(Outcome.OUT_OF_REACH, task.name, str(error)) from None
         heading, side = math.degrees(way.heading_rad), way.staging_xy[1]
-        if abs(heading) > self.arm.heading_limit_deg + 1e-6:
-            limit = f"+-{self.arm.heading_limit_deg:g}"
-            raise Refused(Outcome.OUT_OF_REACH, self._task, f"its lane heads {heading:.1f} deg, want within {limit}")
-        if abs(side) > self.arm.lateral_limit_m + 1e-6:
-            limit = f"+-{self.arm.lateral_limit_m:g}"
-            raise Refused(Outcome.OUT_OF_REACH, self._task, f"its lane begins at y = {side:.3f} m, want within {limit}")
+        for text, value, limit in (
+            (f"heads {heading:.1f} deg", heading, self._arm.max_yaw_deg),
+            (f"begins at y = {side:.3f} m", side, self._arm.lateral_limit_m),
+        ):
+            if abs(value) > limit + 1e-6:
+                raise Refused(Outcome.OUT_OF_REACH, task.name, f"its corridor {text}, want within +-{limit:g}")
         return way
 
-    def _go(
-        self, motion: str, xy: Array | tuple[float, float], z: float, heading: float,
-        held: int | None = None, reached_for: int | None = None,
-    ) -> Array:  # fmt: skip
-        start, xyz = self._at, np.array([*xy, z])
-        try:
-            path, self._at = self.kinematics.line(start, xyz, heading)
-        except Unreachable as error:
-            raise Refused(Outcome.OUT_OF_REACH, self._task, f"{motion}: {error}") from None
-        contact = self.checker.first_contact(path, self.standing, held, reached_for)
-        if contact is not None:
-            other = contact.other if contact.body is None else self._name(contact.body)
-            reason = f"{motion}: the {contact.part} would touch the {other}"
-            raise Refused(Outcome.BLOCKED, self._task, reason)
-        arm = self.arm
-        return timed(
-            np.vstack([start.joints, path]), float(np.linalg.norm(xyz - start.xyz)), self.dt,
-            arm.lift_speed_m_s if motion in ("lift", "lower") else arm.hand_speed_m_s,
-            arm.joint_speed * self.kinematics.speed_limit, arm.joint_acceleration * np.array(arm.model.acceleration),
-        )  # fmt: skip
 
-    def _name(self, body: int) -> str:
-        return f"{'target' if body == 0 else 'object'} on cell {cell_id(self.cell_of[body])}"
+def _in_hand(body: int, arm: Reached, held_xy: tuple[float, float] | None) -> Held:
+    """A held object, where its axis is seen from the tool point."""
+    if held_xy is None:
+        return Held(body)
+    dx, dy = held_xy[0] - arm.xyz[0], held_xy[1] - arm.xyz[1]
+    c, s = math.cos(arm.heading_rad), math.sin(arm.heading_rad)
+    return Held(body, float(c * dx + s * dy), float(c * dy - s * dx))

@@ -1,36 +1,31 @@
-"""See, plan, move once, see again: an execution that goes by the camera and the fingers alone."""
+"""See, plan, move once, see again: a loop that knows only what the camera sees and the gripper senses."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from dore.draw.boards import Panel
-from dore.errors import whole
+from dore.errors import InputError, whole
 from dore.sim.config import Body
-from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Standing
-from dore.sim.motion.kinematics import ArmKinematics
-from dore.sim.motion.outcome import Outcome
-from dore.sim.motion.rehearsal import MoveTask, Refused, Rehearsal, tasks_of
+from dore.sim.motion.collision import Standing
+from dore.sim.motion.outcome import Outcome, Refused
+from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState, tasks_of
 from dore.sim.run.disturbances import Disturbance
-from dore.sim.run.feedback import Touch
-from dore.sim.run.film import Video
-from dore.sim.run.measure import MoveMeter
-from dore.sim.run.operator import Operator
-from dore.sim.run.report import ExecutionReport
-from dore.sim.run.setup import CONTROL_S
+from dore.sim.run.execution import Execution, Run, check_reach
+from dore.sim.run.feedback import GripperSense
+from dore.sim.run.setup import CONTROL_S, Setup
+from dore.sim.scene.agent import render_backend
 from dore.sim.scene.task import DoreTabletopEnv
-from dore.sim.vision.camera import Eye
-from dore.sim.vision.camera_config import EyeConfig
-from dore.sim.vision.scene_estimate import NotUnderstood
-from dore.sim.vision.seen import Seen, after_move, confirm, panel_of, same_board
-from dore.world.plan import Plan, Status
+from dore.sim.vision.camera import RgbdCamera, Sensor
+from dore.sim.vision.scene_estimate import NotUnderstood, SceneEstimate, estimate, unconfirmed
+from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Problem, Scene, cell_id
-from dore.world.reach import Reach
+
+_SETTLE_STEPS, _LAST_LOOK_STEPS = 5, 20
 
 
 @dataclass(frozen=True)
@@ -53,76 +48,97 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Loop:
-    """What closes the loop.
+class ClosedLoop:
+    """Sees, plans, executes one move, and sees again. It ends when the target is held up and the camera confirms that
+    it is out, or with a named refusal.
 
-    planner: its name. plan: its plan for a scene. reach: what it plans with, and what the arm can do.
+    problem: where the objects are put at the start, which the arm does not know, and the reach to plan with.
+    planner: its name. plan: its plan for a scene. sensor: what it sees with.
     """
 
+    problem: Problem
     planner: str
     plan: Callable[[Scene], Plan]
-    reach: Reach
-    eye: EyeConfig
     disturbance: Disturbance
     limits: Limits
+    sensor: type[Sensor] = RgbdCamera
+
+    @property
+    def needs_renderer(self) -> bool:
+        """Whether the sensor takes pictures."""
+        return self.sensor.needs_renderer
+
+    def check(self, setup: Setup) -> None:
+        """Whether everything can be seen, and there is room for what the disturbance puts in.
+
+        Raises:
+            InputError: nothing can render here; the camera does not see every cell; too few cells are left.
+        """
+        if self.needs_renderer and render_backend() == "none":
+            raise InputError("loop: closed needs a camera, but there is no Vulkan driver: scripts/install_lavapipe.sh")
+        scene = self.problem.scene
+        setup.camera.check_sees(scene.layout)
+        room, spare = scene.layout.n_cells - 1 - len(scene.obstacles), self.disturbance.spare_objects
+        if spare > room:
+            raise InputError(f"disturbance: puts in {spare} more, and the scene has {room} cells left")
+
+    def feedback(self, world: DoreTabletopEnv) -> GripperSense:
+        """The fingers."""
+        return GripperSense(world)
+
+    def begin(self, setup: Setup, bodies: tuple[Body, ...]) -> Run:
+        """Only the reach is known beforehand.
+
+        Raises:
+            Refused: plans are made for another arm.
+        """
+        check_reach(self.problem.reach, setup)
+        return lambda execution: _ClosedRun(self, setup, execution).run()
 
 
-class ClosedLoop:
-    """One execution. What it goes by is the camera, the fingers and the arm's own joints; the simulator's state is
-    asked for the report's figures only.
+class _ClosedRun:
+    """One execution of a closed loop; the simulator's state is asked for the report's figures only."""
 
-    Args:
-        env: after a reset.
-        loop: what looks, plans and disturbs.
-        kinematics: the arm.
-        report: filled in as things happen; `save` is called after each.
-        film: shown and told what happens.
-    """
-
-    def __init__(
-        self, env: Any, loop: Loop, kinematics: ArmKinematics, report: ExecutionReport, save: Callable[[], None],
-        film: Video,
-    ) -> None:  # fmt: skip
-        self._env, self._loop, self._kinematics = env, loop, kinematics
-        self._world: DoreTabletopEnv = env.unwrapped
-        self._report, self._save, self._film = report, save, film
-        self._eye, self._rng = Eye(loop.eye, report.seed), np.random.default_rng(report.seed)
+    def __init__(self, loop: ClosedLoop, setup: Setup, execution: Execution) -> None:
+        self._loop, self._kinematics, self._execution = loop, setup.kinematics, execution
+        self._sensor = loop.sensor(execution.env, setup.seed)
+        self._rng = np.random.default_rng(setup.seed)
+        self._layout, self._reach = loop.problem.scene.layout, loop.problem.reach
         self._moves = self._faults = self._most_seen = 0
-        self._touch = Touch(self._world)
-        self.operator = Operator(env, self._rehearsal(()), self._touch, film.after_step)
+        execution.report.rehearsal_s = 0.0
 
     def run(self) -> None:
-        """Until the target is out, or something makes it give up; the report says which."""
+        """Until the target is out.
+
+        Raises:
+            Refused: something makes it give up.
+        """
         plan: Plan | None = None
-        expected: Scene | None = None
-        try:
-            while True:
-                self._disturb()
-                seen = self._look()
-                if plan is None or not same_board(seen.scene, expected):
-                    plan = self._plan(seen)
-                tasks = tasks_of(seen.scene, plan, self._moves + 1)
-                self._rehearse(seen, tasks)
-                went_well = self._carry_out(seen, tasks[0])
-                if went_well and not plan.moves:
-                    self._confirm(seen.scene)
-                    return
-                expected = after_move(seen.scene, plan.moves[0]) if went_well else None
-                plan = replace(plan, moves=plan.moves[1:])
-        except Refused as refusal:
-            moved = bool(self._report.moves)
-            self._report.outcome, self._report.refused = refusal.outcome, not moved
-            self._report.message = f"{'stopped' if moved else 'refused'}: {refusal}"
-            self._note("refusal", str(refusal))
+        expected: tuple[int, set[int]] | None = None
+        while True:
+            self._disturb()
+            seen = self._look()
+            if plan is None or (seen.scene.target, set(seen.scene.obstacles)) != expected:
+                plan = self._plan(seen)
+            rehearsal, state, task = self._rehearse(seen, plan)
+            move = plan.moves[0] if plan.moves else None
+            went_well = self._carry_out(rehearsal, state, task, self._panel(seen.scene, plan, move))
+            if went_well and move is None:
+                self._confirm(seen.scene)
+                return
+            expected = None
+            if went_well and move is not None:
+                expected = seen.scene.target, set(seen.scene.obstacles) - {move.pick} | {move.place}
+            plan = replace(plan, moves=plan.moves[1:])
 
     def _disturb(self) -> None:
-        done = self._loop.disturbance.between_moves(self._world, self._moves, self._rng)
+        done = self._loop.disturbance.between_moves(self._execution.world, self._moves, self._rng)
         if done:
-            self.operator.hold(5)
-            self._note("disturbance", done)
+            self._execution.operator.hold(_SETTLE_STEPS)
+            self._execution.note("disturbance", done)
 
-    def _look(self) -> Seen:
-        """What the camera sees; it looks again where it does not understand, or misses an object.
+    def _look(self) -> SceneEstimate:
+        """What the camera sees; it looks again if it does not understand, or misses an object.
 
         Raises:
             Refused: NOT_UNDERSTOOD, MISSING.
@@ -130,19 +146,19 @@ class ClosedLoop:
         outcome, why = Outcome.NOT_UNDERSTOOD, ""
         for _ in range(self._loop.limits.max_looks):
             try:
-                seen = Seen.of(self._eye.look(self._env), self._world.layout)
+                seen = estimate(self._sensor.look(), self._layout)
             except NotUnderstood as error:
                 outcome, why = Outcome.NOT_UNDERSTOOD, error.reason
-                self._note("look", why)
+                self._execution.note("look", why)
                 continue
-            self._note("look", seen.words, seen.scene)
+            self._execution.note("look", str(seen), Panel(Problem(seen.scene, self._reach)))
             if len(seen.objects) >= self._most_seen:
                 self._most_seen = len(seen.objects)
                 return seen
             outcome, why = Outcome.MISSING, f"{self._most_seen} objects were seen, and now {len(seen.objects)}"
         raise Refused(outcome, "the camera", why)
 
-    def _plan(self, seen: Seen) -> Plan:
+    def _plan(self, seen: SceneEstimate) -> Plan:
         """The moves for what is seen.
 
         Raises:
@@ -152,58 +168,46 @@ class ClosedLoop:
         if plan.status is not Status.SOLVED:
             raise Refused(Outcome.NO_PLAN, plan.planner, f"{plan.status} ({plan.reason})")
         moves = [f"{cell_id(move.pick)} to {cell_id(move.place)}" for move in plan.moves]
-        self._note("plan", ", ".join([*moves, "the target"]))
+        self._execution.note("plan", ", ".join([*moves, "the target"]))
         return plan
 
-    def _rehearse(self, seen: Seen, tasks: tuple[MoveTask, ...]) -> None:
-        """The rest of the plan in kinematics; then a rehearsal that stands where the arm does.
+    def _rehearse(self, seen: SceneEstimate, plan: Plan) -> tuple[Rehearsal, WorldState, MoveTask]:
+        """The rest of the plan in kinematics, every object where, and as wide as, it is seen; its next move.
 
         Raises:
             Refused: the plan cannot be carried out.
         """
-        began = time.perf_counter()
-        self._begin(seen).play(tasks)
-        self.operator.rehearsal = self._begin(seen)
-        self._report.rehearsal_s = round((self._report.rehearsal_s or 0.0) + time.perf_counter() - began, 3)
+        began, tasks = time.perf_counter(), tasks_of(seen.scene, plan, self._moves + 1)
+        rehearsal = Rehearsal(self._layout, self._kinematics, seen.bodies, CONTROL_S)
+        standing = {body: Standing(one.xy, one.yaw_rad) for body, one in enumerate(seen.objects)}
+        state = rehearsal.start(seen.scene, standing)
+        rehearsal.play(state, tasks)
+        report = self._execution.report
+        report.rehearsal_s = round((report.rehearsal_s or 0.0) + time.perf_counter() - began, 3)
+        return rehearsal, state, tasks[0]
 
-    def _begin(self, seen: Seen) -> Rehearsal:
-        """Every object where, and as wide as, it is seen."""
-        rehearsal = self._rehearsal(seen.bodies)
-        rehearsal.begin(seen.scene)
-        rehearsal.standing.update({body: Standing(one.xy, one.yaw_rad) for body, one in enumerate(seen.objects)})
-        return rehearsal
+    def _panel(self, scene: Scene, plan: Plan, move: Move | None) -> Panel:
+        direction = plan.target_direction_deg if move is None else None
+        return Panel(Problem(scene, self._reach), move, direction, self._moves + 1)
 
-    def _rehearsal(self, bodies: tuple[Body, ...]) -> Rehearsal:
-        layout = self._world.layout
-        checker = CollisionChecker(self._kinematics, bodies, layout.front_m - TABLE_OVERHANG_M)
-        return Rehearsal(layout, self._kinematics, checker, CONTROL_S)
-
-    def _carry_out(self, seen: Seen, task: MoveTask) -> bool:
-        """One move, and the way back; whether, for all that the hand can feel, it went well.
+    def _carry_out(self, rehearsal: Rehearsal, state: WorldState, task: MoveTask, panel: Panel) -> bool:
+        """One move, and the way back; whether, as far as the hand can feel, it went well.
 
         Raises:
             Refused: out of moves or faults; or what the rehearsal just allowed cannot be done, and the arm stays.
         """
-        if self._moves >= self._loop.limits.max_moves:
+        limits, execution = self._loop.limits, self._execution
+        if self._moves >= limits.max_moves:
             raise Refused(Outcome.GAVE_UP, task.name, f"{self._moves} moves are made, limits.max_moves")
         self._moves += 1
-        panel = panel_of(seen.scene, self._loop.reach, task, self._moves)
-        self._film.show(f"move {self._moves}: {panel.words}" if panel.move else panel.words, panel)
-        operator, meter = self.operator, MoveMeter(self._world, self.operator.simulated_s)
-        outcome, aimed = operator.run(task), seen.objects[task.body].xy
-        self._report.moves.append(meter.read(task, meter.nearest(aimed), outcome, operator.simulated_s, aimed))
-        still = f"move_{self._moves}" if panel.move else "target"
-        if outcome is Outcome.DONE:
-            self._film.tell(f"{panel.words}: done", still=still)
-        else:
-            self._note("fault", f"{task.name}: {outcome}", still=still)
+        caption = panel.words if panel.move is None else f"move {self._moves}: {panel.words}"
+        outcome, state = execution.move(rehearsal, state, task, panel, caption, state.standing[task.body].xy)
+        if outcome is not Outcome.DONE:
             self._faults += 1
-            operator.recover()
+            execution.operator.recover()
         if outcome is not Outcome.DONE or task.place_cell is not None:
-            operator.park()
-        self._report.simulated_s = round(operator.simulated_s, 3)
-        self._save()
-        if self._faults > self._loop.limits.max_faults:
+            execution.operator.park(rehearsal, state)
+        if self._faults > limits.max_faults:
             raise Refused(Outcome.GAVE_UP, task.name, f"{self._faults} faults, limits.max_faults")
         return outcome is Outcome.DONE
 
@@ -213,20 +217,15 @@ class ClosedLoop:
         Raises:
             Refused: UNCONFIRMED.
         """
-        self.operator.hold(20)
+        execution = self._execution
+        execution.operator.hold(_LAST_LOOK_STEPS)
         try:
-            confirm(self._eye.look(self._env), before)
+            why = unconfirmed(self._sensor.look(), before)
         except NotUnderstood as error:
-            raise Refused(Outcome.UNCONFIRMED, "the camera", error.reason) from None
-        if not self._touch.holding():
+            why = error.reason
+        if why:
+            raise Refused(Outcome.UNCONFIRMED, "the camera", why)
+        if not GripperSense(execution.world).holding():
             raise Refused(Outcome.UNCONFIRMED, "the hand", "it holds nothing")
-        self._note("look", "the target is out, and every obstacle stands where it stood")
-        self._report.claimed, self._report.outcome = True, Outcome.DONE
-
-    def _note(self, kind: str, text: str, scene: Scene | None = None, still: str | None = None) -> None:
-        """Into the report, and the film: beside the picture the scene, where one was seen."""
-        self._report.events.append({"simulated_s": round(self.operator.simulated_s, 3), "event": kind, "text": text})
-        self._save()
-        self._film.tell(
-            f"{kind}: {text}", Panel(Problem(scene, self._loop.reach)) if scene is not None else None, still
-        )
+        execution.note("look", "the target is out, and every obstacle stands where it stood")
+        execution.report.claimed, execution.report.outcome = True, Outcome.DONE

@@ -1,4 +1,4 @@
-"""What may go wrong on purpose during a closed-loop execution; each class is a `_target_` in conf/disturbance/."""
+"""What goes wrong on purpose in a closed loop; each class is a `_target_` in conf/disturbance/."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from dore.errors import whole
 from dore.sim.motion.frames import inside
 from dore.sim.run.feedback import positions
 from dore.sim.scene.task import DoreTabletopEnv
-from dore.world.plan import cell_id
+from dore.world.problem import cell_id
 
 _OPEN = 1.0
 
 
 class Disturbance(Protocol):
-    """Something that the arm is not told of. One object disturbs one execution."""
+    """Something that the arm does not know of. One instance disturbs one execution."""
 
     spare_objects: int
     """Objects that wait beside the table at the start."""
 
     def between_moves(self, world: DoreTabletopEnv, moves: int, rng: np.random.Generator) -> str | None:
-        """Called with the arm parked, `moves` moves after the start; says what was done, if anything was."""
+        """Called with the arm parked, `moves` moves after the start; returns what was done, if anything."""
 
     def grip(self, world: DoreTabletopEnv, command: float) -> float:
-        """The gripper command that is carried out in place of the one that was given: 1 opens, -1 closes."""
+        """The gripper command that is carried out in place of the given one: 1 opens, -1 closes."""
 
 
 class Nothing:
@@ -70,7 +70,7 @@ class ObjectMoved(Nothing):
         return f"the object on cell {cell_id(obstacles[body])} is moved to cell {cell_id(to)}"
 
 
-class StrangersObject(Nothing):
+class IntruderObject(Nothing):
     """A further obstacle is put on an empty cell between two moves.
 
     Args:
@@ -108,7 +108,7 @@ class SlippingGrasp(Nothing):
         self._lifted = self._slipping = False
 
     def grip(self, world: DoreTabletopEnv, command: float) -> float:
-        """Open, from when the object leaves the table until the hand has left the grid."""
+        """Open from the moment the object leaves the table until the hand has left the grid."""
         heights = np.array([body.height_m for body in world.bodies]) / 2
         lifted = command != _OPEN and bool((positions(world)[:, 2] - heights > world.arm.lift_m / 3).any())
         if lifted and not self._lifted:
@@ -142,7 +142,7 @@ def _cells(world: DoreTabletopEnv) -> dict[int, int]:
 
 
 def _put(world: DoreTabletopEnv, body: int, rng: np.random.Generator) -> int:
-    """Put an object, upright, on an empty cell; which one it was."""
+    """Put an object, upright, on an empty cell; returns the cell."""
     taken = set(_cells(world).values())
     to = int(rng.choice([cell for cell in range(world.layout.n_cells) if cell not in taken]))
     height = world.bodies[body].height_m / 2 + 1e-4

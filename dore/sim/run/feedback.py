@@ -1,8 +1,10 @@
-"""What the operator goes by while it moves: the simulator's own state, or only what the hand feels."""
+"""What the operator knows while it moves: the simulator's own state, or only what the gripper senses."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -10,7 +12,7 @@ import numpy as np
 from dore.sim.motion.collision import Standing
 from dore.sim.motion.frames import Array, inside
 from dore.sim.motion.outcome import Outcome
-from dore.sim.motion.rehearsal import MoveTask, Rehearsal
+from dore.sim.motion.rehearsal import MoveTask, WorldState
 from dore.sim.scene.task import UPRIGHT_DEG, DoreTabletopEnv
 
 _HELD_WITHIN_M = 0.03
@@ -21,11 +23,11 @@ _HOLDING = (0.15, 0.95)
 """How far a hand is open that holds something: neither shut on nothing, nor wide open."""
 
 
-class Senses(Protocol):
-    """What the operator asks of the world."""
+class Feedback(Protocol):
+    """What the operator asks about the world."""
 
-    def look(self) -> Outcome:
-        """Before a move: tell the rehearsal where each object stands, or why the move cannot begin."""
+    def look(self, state: WorldState) -> tuple[Outcome, WorldState]:
+        """Before a move: the state with what is seen now, and DONE, or why the move cannot begin."""
 
     def lifted(self, body: int) -> Outcome:
         """After the lift: DONE or MISSED_GRASP."""
@@ -34,37 +36,34 @@ class Senses(Protocol):
         """On the way: DONE, SLIPPED or DROPPED."""
 
     def held_xy(self, body: int) -> tuple[float, float] | None:
-        """Where the axis of the held object is, metres; None: not known, so right at the tool point."""
+        """Where the axis of the held object is, metres; None: not known, so taken to be at the tool point."""
 
     def placed(self, task: MoveTask) -> Outcome:
         """After the hand has left: DONE, or what is wrong with the object put down, or with another one."""
 
 
-class Truth:
+class PrivilegedState:
     """The simulator's state: where every object is at any time.
 
     Args:
         task: the environment.
-        rehearsal: told by `look` where objects stand.
     """
 
-    def __init__(self, task: DoreTabletopEnv, rehearsal: Rehearsal) -> None:
-        self._task, self._rehearsal = task, rehearsal
+    def __init__(self, task: DoreTabletopEnv) -> None:
+        self._task = task
         self._before = positions(task)
         self._in_hand = np.zeros(3)
 
-    def look(self) -> Outcome:
-        """TOPPLED, WORLD_CHANGED: an object does not stand as, or where, it should."""
+    def look(self, state: WorldState) -> tuple[Outcome, WorldState]:
+        """TOPPLED, WORLD_CHANGED: an object does not stand upright, or in the cell where the state has it."""
         at = self._before = positions(self._task)
         if (leaning_deg(self._task) > UPRIGHT_DEG).any():
-            return Outcome.TOPPLED
-        for body, cell in self._rehearsal.cell_of.items():
-            if not self._in_cell(at[body, :2], cell):
-                return Outcome.WORLD_CHANGED
-            forward = self._task.objects[body].pose.to_transformation_matrix()[0, :2, 0].tolist()
-            yaw = math.atan2(forward[1], forward[0])
-            self._rehearsal.standing[body] = Standing((float(at[body, 0]), float(at[body, 1])), yaw)
-        return Outcome.DONE
+            return Outcome.TOPPLED, state
+        if not all(self._in_cell(at[body, :2], cell) for body, cell in state.cell_of.items()):
+            return Outcome.WORLD_CHANGED, state
+        turned = yaws(self._task)
+        seen = {body: Standing((float(at[body, 0]), float(at[body, 1])), turned[body]) for body in state.cell_of}
+        return Outcome.DONE, replace(state, standing=seen)
 
     def lifted(self, body: int) -> Outcome:
         """MISSED_GRASP: the object is not between the fingers, or still on the table."""
@@ -89,18 +88,16 @@ class Truth:
         """TOPPLED, MISPLACED: the object put down does not stand upright, or not in its cell. TOPPLED, PUSHED:
         another one has been."""
         at, leaning = positions(self._task), leaning_deg(self._task)
-        if (leaning[self._others(task.body)] > UPRIGHT_DEG).any():
+        others = np.arange(len(at)) != task.body
+        if (leaning[others] > UPRIGHT_DEG).any():
             return Outcome.TOPPLED
         if task.place_cell is not None:
             if leaning[task.body] > UPRIGHT_DEG:
                 return Outcome.TOPPLED
             if not self._in_cell(at[task.body, :2], task.place_cell):
                 return Outcome.MISPLACED
-        moved = np.linalg.norm(at - self._before, axis=1)[self._others(task.body)]
+        moved = np.linalg.norm(at - self._before, axis=1)[others]
         return Outcome.PUSHED if (moved > self._task.arm.pushed_m).any() else Outcome.DONE
-
-    def _others(self, body: int) -> np.ndarray:
-        return np.arange(len(self._before)) != body
 
     def _in_cell(self, xy: Array, cell: int) -> bool:
         layout = self._task.layout
@@ -119,9 +116,9 @@ class Truth:
         return np.asarray(tool[:3, :3].T @ (positions(self._task)[body] - tool[:3, 3]))
 
 
-class Touch:
-    """Only what the hand itself feels: how far its fingers are apart. The camera has looked before, and looks again
-    after the move; nothing is asked of the simulator.
+class GripperSense:
+    """Only what the gripper itself senses: how far its fingers are apart. The camera has looked before the move and
+    looks again after it; the simulator is asked nothing else.
 
     Args:
         task: the environment, of which only the fingers' joints are read.
@@ -130,9 +127,9 @@ class Touch:
     def __init__(self, task: DoreTabletopEnv) -> None:
         self._task = task
 
-    def look(self) -> Outcome:
-        """The camera has just looked."""
-        return Outcome.DONE
+    def look(self, state: WorldState) -> tuple[Outcome, WorldState]:
+        """The camera has just looked: the state as it is."""
+        return Outcome.DONE, state
 
     def lifted(self, body: int) -> Outcome:
         """MISSED_GRASP: the fingers have closed on nothing."""
@@ -143,11 +140,11 @@ class Touch:
         return Outcome.DONE if self.holding() else Outcome.DROPPED
 
     def held_xy(self, body: int) -> tuple[float, float] | None:
-        """The fingers do not tell."""
+        """Not known: fingers do not sense it."""
         return None
 
     def placed(self, task: MoveTask) -> Outcome:
-        """The camera tells, when it looks next."""
+        """The camera will see it at its next look."""
         return Outcome.DONE
 
     def holding(self) -> bool:
@@ -163,3 +160,9 @@ def positions(task: DoreTabletopEnv) -> Array:
 def leaning_deg(task: DoreTabletopEnv) -> Array:
     """Float64[N]: how far each object leans, degrees."""
     return np.asarray(task.leaning_deg()[0].double().cpu().numpy())
+
+
+def yaws(task: DoreTabletopEnv) -> Sequence[float]:
+    """How each of N objects is turned about the vertical, radians."""
+    poses = [actor.pose.to_transformation_matrix()[0] for actor in task.objects]
+    return [math.atan2(float(pose[1, 0]), float(pose[0, 0])) for pose in poses]

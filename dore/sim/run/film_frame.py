@@ -1,4 +1,4 @@
-"""A frame of the film: the camera's picture, beside it the board and what has happened, below it one line of text."""
+"""A frame of the film: the rendered picture, beside it the board and what has happened, below it one line of text."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from dore.files import atomic_write
 
 Pixels = NDArray[np.uint8]
 PANEL_SHARE = 0.8
-"""Width of the panel, in heights of the camera's picture."""
+"""Width of the panel, in heights of the picture."""
 STRIP_SHARE, TEXT_SHARE, LOG_TEXT_SHARE = 0.085, 0.040, 0.029
 """Heights of the caption's strip, of its text, and of the text beside the picture, in heights of the picture."""
 BOARD_SHARE = 0.8
-"""Height of the board at most, in heights of the picture; the rest is left for what has happened."""
+"""Height of the board at most, in heights of the picture; the rest is for what has happened."""
 SMALLEST_BOARD_PX = 200
-"""A narrower board is drawn larger and made smaller afterwards: no font is that small."""
+"""A narrower board is drawn larger and scaled down: no font is that small."""
 SMALLEST_TEXT = 0.6
-"""A caption that does not fit is set smaller, down to this share of its size; then it is cut off."""
+"""A caption that does not fit is set smaller, down to this share of its size, and then cut off."""
 BLOCK_PX = 8
 """Encoders want both sides of a frame to be multiples of this."""
 
 
-class Page:
+class FilmFrame:
     """Puts frames together. The board is drawn once a move, the text once a frame.
 
     Args:
-        width_px: of the camera's picture.
-        height_px: of the camera's picture.
+        width_px: of the picture.
+        height_px: of the picture.
     """
 
     def __init__(self, width_px: int, height_px: int) -> None:
@@ -45,7 +45,7 @@ class Page:
         size = (_blocks(width_px + self._panel_width), _blocks(height_px + round(STRIP_SHARE * height_px)))
         self._sheet = Image.new("RGB", size, "white")
         self._board: Image.Image | None = None
-        self._told: list[tuple[str, str]] = []
+        self._lines: list[tuple[str, str]] = []
 
     @property
     def size(self) -> tuple[int, int]:
@@ -60,9 +60,9 @@ class Page:
         self._board = Image.fromarray(pixels).reduce(larger)
         self._draw_panel()
 
-    def tell(self, line: str, clock: str) -> None:
+    def add_line(self, line: str, clock: str) -> None:
         """Add a line to what has happened, under the board; the newest stay where not all fit."""
-        self._told.append((line, clock))
+        self._lines.append((line, clock))
         self._draw_panel()
 
     def frame(self, picture: Pixels, caption: str, clock: str) -> Pixels:
@@ -91,7 +91,7 @@ class Page:
         line_px, indent = round(1.5 * font.size), font.size
         room = right - left - indent - font.getlength("00000.0 s")
         rows: list[tuple[float, str, str]] = []
-        for line, clock in self._told:
+        for line, clock in self._lines:
             first, *others = _wrapped(line, font, room)
             rows += [(left, first, clock), *((left + indent, other, "") for other in others)]
         fitting = max(0, (self._height - below) // line_px)

@@ -1,4 +1,4 @@
-"""Drives the arm through rehearsed motions, and tells how each of them ended."""
+"""Drives the arm through rehearsed motions, and reports how each of them ended."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import torch
 
 from dore.sim.motion.frames import Array
 from dore.sim.motion.outcome import Outcome
-from dore.sim.motion.rehearsal import MoveTask, Rehearsal
-from dore.sim.run.feedback import Senses
+from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState
+from dore.sim.run.feedback import Feedback
 from dore.sim.scene.task import DoreTabletopEnv
 
 _OPEN, _CLOSED = 1.0, -1.0
@@ -25,18 +25,17 @@ class Operator:
 
     Args:
         env: a `DoreTabletop-v1` made with `control_mode="pd_joint_pos"`, as gymnasium returns it, after a reset.
-        rehearsal: begun; it works out each motion from what is known before it.
-        senses: what the operator goes by.
-        after_step: called after every control step (the video's camera).
+        feedback: what the operator knows of the world.
+        after_step: called after every control step (the film's camera).
     """
 
-    def __init__(self, env: Any, rehearsal: Rehearsal, senses: Senses, after_step: Callable[[], None]) -> None:
-        self._env, self.rehearsal, self.senses, self._after_step = env, rehearsal, senses, after_step
+    def __init__(self, env: Any, feedback: Feedback, after_step: Callable[[], None]) -> None:
+        self._env, self._feedback, self._after_step = env, feedback, after_step
         self._task: DoreTabletopEnv = env.unwrapped
         self._gripper = _OPEN
         self.joints: Array = self._task.agent.arm_joints()[0].double().cpu().numpy()
         self._way_out: list[Array] = []
-        """Commands that take the hand out of the grid, when it is in it and holds nothing that it should."""
+        """Commands that take the hand out of the grid after a fault in it."""
         self.steps = 0
 
     @property
@@ -53,58 +52,58 @@ class Operator:
         for _ in range(steps):
             self._command(self.joints)
 
-    def run(self, task: MoveTask) -> Outcome:
-        """The whole move, up to the first motion that does not end well.
+    def run(self, rehearsal: Rehearsal, state: WorldState, task: MoveTask) -> tuple[Outcome, WorldState]:
+        """The whole move, up to the first motion that does not end well, and the state after it.
+
+        Each half is worked out from what feedback knows just before it.
 
         Raises:
             Refused: from what is now known, the rest of the move cannot be carried out; the arm stays where it is.
         """
-        outcome = self.senses.look()
+        outcome, state = self._feedback.look(state)
         if outcome is Outcome.DONE:
-            outcome = self.pick(task)
+            outcome, state = self._pick(rehearsal, state, task)
         if outcome is Outcome.DONE and task.place_cell is not None:
-            outcome = self.put_down(task)
-        return self.senses.placed(task) if outcome is Outcome.DONE else outcome
+            outcome, state = self._put_down(rehearsal, state, task)
+        return (self._feedback.placed(task) if outcome is Outcome.DONE else outcome), state
 
-    def pick(self, task: MoveTask) -> Outcome:
+    def _pick(self, rehearsal: Rehearsal, state: WorldState, task: MoveTask) -> tuple[Outcome, WorldState]:
         """Reach, grasp, lift and withdraw from the grid.
 
         MISSED_GRASP: the object is not between the fingers. DROPPED, SLIPPED: it was, and no longer as it was.
         """
-        motions = self.rehearsal.pick_up(task)
+        motions, after = rehearsal.pick_up(state, task)
         for motion in ("reach", "approach"):
             self._follow(motions[motion])
         self._gripper = _CLOSED
         self.hold(_GRIP_STEPS)
         self._way_out = [motions["withdraw"]]
         self._follow(motions["lift"])
-        outcome = self.senses.lifted(task.body)
+        outcome = self._feedback.lifted(task.body)
         if outcome is not Outcome.DONE:
-            return outcome
+            return outcome, after
         self._follow(motions["withdraw"])
         self._way_out = []
-        return self.senses.still_held(task.body)
+        return self._feedback.still_held(task.body), after
 
-    def put_down(self, task: MoveTask) -> Outcome:
-        """Carry what is held before the lane, bring it into its cell, lower it, let go and leave.
+    def _put_down(self, rehearsal: Rehearsal, state: WorldState, task: MoveTask) -> tuple[Outcome, WorldState]:
+        """Carry what is held to its corridor, bring it into its cell, lower it, let go and leave.
 
         DROPPED, SLIPPED: on the way.
         """
-        motions = self.rehearsal.put_down(task, self.senses.held_xy(task.body))
-        self._follow(motions["carry"])
-        outcome = self.senses.still_held(task.body)
-        if outcome is not Outcome.DONE:
-            return outcome
-        self._follow(motions["insert"])
-        self._way_out = [motions["insert"][::-1]]
-        outcome = self.senses.still_held(task.body)
-        if outcome is not Outcome.DONE:
-            return outcome
+        motions, after = rehearsal.put_down(state, task, self._feedback.held_xy(task.body))
+        for motion in ("carry", "insert"):
+            self._follow(motions[motion])
+            if motion == "insert":
+                self._way_out = [motions["insert"][::-1]]
+            outcome = self._feedback.still_held(task.body)
+            if outcome is not Outcome.DONE:
+                return outcome, state
         self._follow(motions["lower"])
         self._let_go()
         self._follow(motions["leave"])
         self._way_out = []
-        return Outcome.DONE
+        return Outcome.DONE, after
 
     def recover(self) -> None:
         """After a fault: open the hand, and leave the grid the way it came."""
@@ -113,13 +112,13 @@ class Operator:
             self._follow(commands)
         self._way_out = []
 
-    def park(self) -> None:
+    def park(self, rehearsal: Rehearsal, state: WorldState) -> None:
         """Go to where the arm stood at the start, out of the camera's way.
 
         Raises:
             Refused: something is in the way.
         """
-        self._follow(self.rehearsal.park(self.joints))
+        self._follow(rehearsal.park(state, self.joints))
 
     def _let_go(self) -> None:
         self._gripper = _OPEN

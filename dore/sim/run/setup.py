@@ -1,4 +1,4 @@
-"""What an execution stands on: the objects drawn, the environment made, the report begun."""
+"""What an execution is set up with: arm, objects, camera; the environment and the empty report that they give."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import gymnasium as gym
 import numpy as np
 
 from dore.errors import InputError, flag, number, seed_of
-from dore.sim.config import ArmConfig, Body, CameraConfig, ObjectConfig
+from dore.sim.config import ArmConfig, Body, ObjectConfig, ViewConfig
 from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.motion.outcome import Outcome
 from dore.sim.run.report import ExecutionReport
 from dore.sim.scene.agent import render_backend
 from dore.sim.scene.urdf import arm_files
+from dore.sim.vision.camera_config import CameraConfig
 from dore.world.layout import Layout
-from dore.world.plan import Scene, cell_id
+from dore.world.problem import Scene, cell_id
 
 REPORT_NAME, VIDEO_NAME = "execution.json", "execution.mp4"
 NO_PICTURES = "no Vulkan driver here: state only; for pictures run scripts/install_lavapipe.sh (Debian 12, as root)"
@@ -26,19 +27,20 @@ CONTROL_S = 0.05
 
 
 @dataclass(frozen=True)
-class Stage:
-    """Arm, objects and the film's camera.
+class Setup:
+    """Arm, objects, the RGB-D camera and the viewpoint of the film.
 
-    jitter_m: objects stand up to so far off the middle of their cells; turned: and turned by any angle.
+    jitter_m: objects stand up to this far off the middle of their cells; turned: and turned by any angle.
     seed: of the objects' shapes and of the simulator; the same seed gives the same execution.
-    film: whether to make pictures where a Vulkan driver exists.
+    film: whether to make a film if a Vulkan driver exists.
 
     Raises:
-        InputError: a seed that is none, a negative jitter, or objects lower than the grasp.
+        InputError: an invalid seed, a negative jitter, or objects lower than the grasp.
     """
 
     arm: ArmConfig
     objects: ObjectConfig
+    view: ViewConfig
     camera: CameraConfig
     seed: int
     film: bool
@@ -54,7 +56,7 @@ class Stage:
             raise InputError(f"objects.height_m: from {lowest:g}, want more than arm.grasp_height_m {grasp:g}")
 
     def bodies(self, count: int) -> tuple[Body, ...]:
-        """So many objects, the target first."""
+        """`count` objects, the target first."""
         return self.objects.draw(count, np.random.default_rng(self.seed))
 
     def placing(self, scene: Scene) -> dict[str, Any]:
@@ -68,7 +70,7 @@ class Stage:
 
     @cached_property
     def kinematics(self) -> ArmKinematics:
-        """The arm's.
+        """The arm's, built once.
 
         Raises:
             InputError: its description is missing or wrong.
@@ -76,7 +78,7 @@ class Stage:
         return ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
 
     def report(self, scene: Scene, bodies: tuple[Body, ...], planner: str) -> ExecutionReport:
-        """One in which nothing has happened yet; bodies beyond the scene's wait beside the table."""
+        """An empty report; bodies beyond the scene's wait beside the table."""
         cells = (scene.target, *scene.obstacles)
         listed = [
             {"cell": cell_id(cells[i]) if i < len(cells) else None, "target": i == 0, **asdict(body)}
@@ -84,18 +86,18 @@ class Stage:
         ]
         return ExecutionReport(Outcome.INCOMPLETE, "not finished", self.arm.name, self.seed, planner, listed)
 
-    def environment(self, layout: Layout, bodies: tuple[Body, ...], backend: str, **more: Any) -> Any:
+    def environment(self, layout: Layout, bodies: tuple[Body, ...], backend: str) -> Any:
         """A `DoreTabletop-v1`, before its reset."""
         return gym.make(
-            "DoreTabletop-v1", layout=layout, bodies=bodies, arm=self.arm, camera=self.camera,
-            density_kg_m3=self.objects.density_kg_m3, obs_mode="none", reward_mode="none",
+            "DoreTabletop-v1", layout=layout, bodies=bodies, kinematics=self.kinematics, view=self.view,
+            camera=self.camera, density_kg_m3=self.objects.density_kg_m3, obs_mode="none", reward_mode="none",
             control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=backend,
-            enable_shadow=self.camera.shadows, render_mode=None if backend == "none" else "rgb_array", **more,
+            enable_shadow=self.view.shadows, render_mode=None if backend == "none" else "rgb_array",
         )  # fmt: skip
 
-    def pictures(self) -> tuple[str, str]:
-        """The render backend to use, and what to say of the film."""
+    def rendering(self, needed: bool) -> tuple[str, str]:
+        """The render backend to use, and what to say of the film. needed: render even without a film."""
+        backend = render_backend() if self.film or needed else "none"
         if not self.film:
-            return "none", "not asked for"
-        backend = render_backend()
+            return backend, "not asked for"
         return backend, NO_PICTURES if backend == "none" else VIDEO_NAME

@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from dore.errors import InputError
-from dore.sim.model import ArmModel, Description
+from dore.sim.config import ArmModel, Description
 
 _NAME = "j2n6s300"
 _WANTED = "want the path of kinova_description's j2n6s300 URDF, expanded by xacro"

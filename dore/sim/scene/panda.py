@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from dore.errors import InputError
-from dore.sim.model import ArmModel, Description
+from dore.sim.config import ArmModel, Description
 
 _JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 _FINGER_OPEN_M = 0.04

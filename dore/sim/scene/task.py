@@ -20,19 +20,19 @@ from torch import Tensor
 
 from dore.errors import InputError
 from dore.files import conf_dir
-from dore.sim.config import ArmConfig, Body, CameraConfig, preset
+from dore.sim.config import ArmConfig, Body, ViewConfig, preset
 from dore.sim.motion.frames import Array
 from dore.sim.motion.kinematics import ArmKinematics, Unreachable
 from dore.sim.scene.agent import ArmAgent, agent_of
 from dore.sim.scene.scene_builder import build_object, build_surroundings, waiting_xy
 from dore.sim.scene.urdf import arm_files
-from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.vision.camera_config import CameraConfig
 from dore.world.layout import Layout
 
 UPRIGHT_DEG = 10.0
 """An object leaning more than this no longer counts as upright."""
-EYE = "eye"
-"""The name of the task's sensor camera."""
+CAMERA = "camera"
+"""The name of the task's RGB-D camera among its sensors."""
 # SAPIEN's cameras look along x, with y to the left and z up; a picture's x is right, y down and z ahead.
 _CAMERA_AXES = np.array([[0, -1.0, 0, 0], [0, 0, -1.0, 0], [1.0, 0, 0, 0], [0, 0, 0, 1.0]])
 
@@ -49,7 +49,7 @@ class DoreTabletopEnv(BaseEnv):
     objects out of the middle of their cells and turn them; without them they stand straight.
 
     **Observations:** `state` and `state_dict` anywhere; with a Vulkan driver `rgb+depth+segmentation` too, by the
-    sensor camera `eye`. `dore.sim.vision.camera.Eye` reads it in any mode, with a real sensor's noise.
+    sensor `camera`. `dore.sim.vision.camera.RgbdCamera` reads it in any mode, with a real sensor's noise.
 
     **Success:** `target_lifted`, `target_out`, `all_upright` and `all_in_cell`, all of them.
 
@@ -60,14 +60,15 @@ class DoreTabletopEnv(BaseEnv):
         bodies: the objects, the target first; None: seven mixed ones of fixed sizes.
         robot_uids: the arm, by its name in conf/arm, unless `arm` is given.
         arm: which arm it is, and how it stands.
-        camera: the camera of `render()`.
-        eye: the sensor camera.
+        kinematics: the arm's, where the caller has built it; it brings the arm, so give it in place of `arm`.
+        view: the viewpoint of `render()`.
+        camera: the RGB-D camera; `RgbdCamera` takes its pictures.
         density_kg_m3: of the objects.
 
     Raises:
-        InputError: more objects than cells, a layout out of the arm's reach, an arm that is not known or needs the
+        InputError: more objects than cells, a layout out of the arm's reach, an unknown arm, or one that needs the
             path of its description. `reset`: options that are not one for each object, or not numbers; a cell named
-            twice, or not of the layout; two objects in one place.
+            twice, or not of the layout; objects that overlap.
     """
 
     SUPPORTED_ROBOTS = None  # any arm that conf/arm describes
@@ -81,21 +82,22 @@ class DoreTabletopEnv(BaseEnv):
         layout: Layout | None = None,
         bodies: Sequence[Body] | None = None,
         arm: ArmConfig | None = None,
+        kinematics: ArmKinematics | None = None,
+        view: ViewConfig | None = None,
         camera: CameraConfig | None = None,
-        eye: EyeConfig | None = None,
         density_kg_m3: float = 400.0,
         **kwargs: Any,
     ) -> None:
         self.layout = layout or Layout.grid(3, 6, 0.12, 0.50)
         self.bodies = tuple(bodies or preset("objects/mixed").draw(7, np.random.default_rng(0)))
-        self.arm, self.camera = arm or _arm_called(robot_uids), camera or preset("camera/corner")
-        self.eye = eye or preset("eye/kinect")
+        self.arm = kinematics.arm if kinematics else arm or _arm_called(robot_uids)
+        self.view, self.camera = view or preset("view/corner"), camera or preset("camera/kinect")
         if len(self.bodies) > self.layout.n_cells:
             raise InputError(f"bodies: {len(self.bodies)} objects, want at most {self.layout.n_cells}, one a cell")
         self.density_kg_m3 = density_kg_m3
         self.objects: list[Any] = []
         self._shelf = torch.tensor([waiting_xy(index) for index in range(len(self.bodies))])
-        kinematics = ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
+        kinematics = kinematics or ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
         try:
             self._ready_joints = kinematics.ready(self.layout.front_m - self.arm.staging_m).joints
         except Unreachable as error:
@@ -108,16 +110,16 @@ class DoreTabletopEnv(BaseEnv):
 
     @property
     def _default_sensor_configs(self) -> list[SensorConfig]:
-        eye, pose = self.eye, sapien.Pose(self.eye.pose(self.layout) @ _CAMERA_AXES)
-        fov = math.radians(eye.field_of_view_deg)
-        return [SensorConfig(EYE, pose, eye.width_px, eye.height_px, fov=fov, near=0.01, far=10)]
+        camera, pose = self.camera, sapien.Pose(self.camera.pose(self.layout) @ _CAMERA_AXES)
+        fov = math.radians(camera.field_of_view_deg)
+        return [SensorConfig(CAMERA, pose, camera.width_px, camera.height_px, fov=fov, near=0.01, far=10)]
 
     @property
     def _default_human_render_camera_configs(self) -> SensorConfig:
-        camera = self.camera
-        pose = sapien_utils.look_at(list(camera.eye_m), list(camera.look_at_m))
-        fov = math.radians(camera.field_of_view_deg)
-        return SensorConfig("view", pose, camera.width_px, camera.height_px, fov=fov, near=0.01, far=20)
+        view = self.view
+        pose = sapien_utils.look_at(list(view.position_m), list(view.look_at_m))
+        fov = math.radians(view.field_of_view_deg)
+        return SensorConfig("view", pose, view.width_px, view.height_px, fov=fov, near=0.01, far=20)
 
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(p=[0, 0, -self.arm.base_drop_m]))
@@ -165,11 +167,11 @@ class DoreTabletopEnv(BaseEnv):
         return np.asarray(cells, dtype=np.int64)
 
     def _check_apart(self, where: Array) -> None:
-        """Refuse objects that stand in one another, Float64[B, K, 2]: the simulator would throw them apart."""
+        """Refuse objects that overlap, Float64[B, K, 2]: the simulator would throw them apart."""
         for one, other in itertools.combinations(range(where.shape[1]), 2):
             least = self.bodies[one].half_width_m + self.bodies[other].half_width_m
             if (np.linalg.norm(where[:, one] - where[:, other], axis=-1) < least).any():
-                raise InputError(f"offsets_m: objects {one} and {other} stand in one another, want them apart")
+                raise InputError(f"offsets_m: objects {one} and {other} overlap, want them apart")
 
     def poses(self) -> Tensor:
         """Float32[B, N, 7]: centre of each object, metres, and its quaternion, w first; world frame."""
@@ -221,7 +223,7 @@ def _arm_called(name: str) -> ArmConfig:
     """An arm of conf/arm.
 
     Raises:
-        InputError: there is none of that name, or it needs the path of its description.
+        InputError: no arm has that name, or it needs the path of its description.
     """
     known = sorted(path.stem for path in (conf_dir() / "arm").glob("*.yaml"))
     if name not in known:
@@ -231,7 +233,7 @@ def _arm_called(name: str) -> ArmConfig:
 
 
 def _for_each(name: str, count: int, width: int, options: dict[str, Any]) -> Array:
-    """Float64[K, width]: an option for each of K objects; zeros where it is not given."""
+    """Float64[K, width]: an option for each of K objects; zeros if not given."""
     given, shape = options.get(name), (count, width)
     if given is None:
         return np.zeros(shape)

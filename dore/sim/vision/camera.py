@@ -1,67 +1,92 @@
-"""The RGB-D camera over a running environment."""
+"""The RGB-D camera of a running environment. What it is like, only the environment's `camera` says."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from dore.errors import InputError
-from dore.sim.scene.task import EYE, DoreTabletopEnv
-from dore.sim.vision.camera_config import EyeConfig
+from dore.sim.scene.task import CAMERA, DoreTabletopEnv
 from dore.sim.vision.depth_noise import kinect_depth
-from dore.sim.vision.perception import TARGET_SEGMENT, Frame, sightings
-from dore.sim.vision.scene_estimate import Sighting
+from dore.sim.vision.perception import TARGET_SEGMENT, Frame, detections
+from dore.sim.vision.scene_estimate import Detection
 
 
-class Eye:
-    """Takes noisy pictures of a `DoreTabletop-v1`, and says which objects are in them.
+class Sensor(Protocol):
+    """What a closed loop sees with; made from an environment and a seed."""
 
-    It draws when asked, whatever the environment's observation mode, and changes nothing in it.
+    needs_renderer: ClassVar[bool]
+
+    def __init__(self, env: Any, seed: int) -> None: ...
+
+    def look(self) -> tuple[Detection, ...]:
+        """The objects that are seen now.
+
+        Raises:
+            NotUnderstood: no table is seen.
+        """
+
+
+class RgbdCamera:
+    """Takes noisy pictures of a `DoreTabletop-v1`, and detects the objects in them.
+
+    It renders when asked, whatever the environment's observation mode, and changes nothing in it.
 
     Args:
-        config: its camera must be the environment's (`eye=`); noise and reading may be others.
+        env: as gymnasium returns it; the first scene is seen where it holds several.
         seed: of the noise; the same seed and scenes give the same pictures.
     """
 
-    def __init__(self, config: EyeConfig, seed: int) -> None:
-        self.config = config
+    needs_renderer: ClassVar[bool] = True
+
+    def __init__(self, env: Any, seed: int) -> None:
+        self._task: DoreTabletopEnv = env.unwrapped
         self._rng = np.random.default_rng(seed)
 
-    def look(self, env: Any) -> tuple[Sighting, ...]:
+    def look(self) -> tuple[Detection, ...]:
         """The objects in one frame.
 
         Raises:
-            InputError: as `frame`.
+            InputError: as `rendered`.
             NotUnderstood: no table is seen.
         """
-        return sightings(self.frame(env), env.unwrapped.layout, self.config)
+        return detections(self.frame(), self._task.layout, self._task.camera)
 
-    def frame(self, env: Any) -> Frame:
-        """One picture of an environment, as gymnasium returns it; of the first scene where it holds several.
+    def frame(self) -> Frame:
+        """One picture, with the camera's noise.
 
         Raises:
-            InputError: nothing can render there, its camera is another, or does not see every cell.
+            InputError: as `rendered`.
         """
-        task: DoreTabletopEnv = env.unwrapped
-        if not task.scene.can_render():
-            raise InputError(
-                "eye: nothing renders here; for a driver run scripts/install_lavapipe.sh (Debian 12, as root)"
-            )
-        if task.eye.camera != self.config.camera:
-            raise InputError("eye: the environment was made with another camera, want the same eye= for both")
-        self.config.check_sees(task.layout)
-        camera = task.scene.sensors[EYE]
-        task.scene.update_render(update_sensors=True, update_human_render_cameras=False)
-        camera.capture()
-        seen = {name: image[0].cpu().numpy() for name, image in camera.get_obs(position=False).items()}
-        depth = seen["depth"][..., 0].astype(np.float64) / 1000
-        if self.config.noise == "kinect":
-            depth = kinect_depth(depth, self.config.intrinsic, self._rng)
-        return Frame(
-            depth, seen["rgb"], self.config.intrinsic, self.config.pose(task.layout),
-            _object_segments(task, seen["segmentation"][..., 0]),
-        )  # fmt: skip
+        frame = rendered(self._task)
+        if self._task.camera.noise == "none":
+            return frame
+        return replace(frame, depth_m=kinect_depth(frame.depth_m, frame.intrinsic, self._rng))
+
+
+def rendered(env: Any) -> Frame:
+    """One picture without noise; depth comes in whole millimetres.
+
+    Raises:
+        InputError: nothing can render here, or the camera does not see every cell.
+    """
+    task: DoreTabletopEnv = env.unwrapped
+    if not task.scene.can_render():
+        raise InputError(
+            "camera: nothing renders here; for a driver run scripts/install_lavapipe.sh (Debian 12, as root)"
+        )
+    config = task.camera
+    config.check_sees(task.layout)
+    sensor = task.scene.sensors[CAMERA]
+    task.scene.update_render(update_sensors=True, update_human_render_cameras=False)
+    sensor.capture()
+    images = {name: image[0].cpu().numpy() for name, image in sensor.get_obs(position=False).items()}
+    return Frame(
+        images["depth"][..., 0].astype(np.float64) / 1000, images["rgb"], config.intrinsic, config.pose(task.layout),
+        _object_segments(task, images["segmentation"][..., 0]),
+    )  # fmt: skip
 
 
 def _object_segments(task: DoreTabletopEnv, ids: np.ndarray) -> np.ndarray:

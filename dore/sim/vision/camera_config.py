@@ -1,4 +1,4 @@
-"""What the camera that sees the board can be told. See conf/eye/kinect.yaml."""
+"""The settings of the RGB-D camera and of what is read from its pictures. See conf/camera/kinect.yaml."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ TargetBy = Literal["colour", "segmentation"]
 
 
 @dataclass(frozen=True)
-class EyeConfig:
-    """A fixed RGB-D camera over the board, and how its pictures are read.
+class CameraConfig:
+    """A fixed RGB-D camera over the board, and how objects are found in its pictures.
 
-    The place is told from the middle of the cells, at the height of the table top, so that it suits any layout.
+    Positions are relative to the middle of the cells at the height of the table top, so that they suit any layout.
 
     Raises:
-        InputError: a value that is not finite, unknown, or outside what it can mean.
+        InputError: a value that is not finite, unknown, or out of bounds.
     """
 
-    eye_m: tuple[float, float, float]
+    position_m: tuple[float, float, float]
     look_at_m: tuple[float, float, float]
     width_px: int
     height_px: int
@@ -46,35 +46,34 @@ class EyeConfig:
     def __post_init__(self) -> None:
         for name, known in (("noise", get_args(Noise)), ("target_by", get_args(TargetBy))):
             if getattr(self, name) not in known:
-                raise InputError(f"eye.{name}: got {getattr(self, name)!r}, want one of {', '.join(known)}")
-        whole("eye.width_px", self.width_px, 16)
-        whole("eye.height_px", self.height_px, 16)
-        whole("eye.fewest_patches", self.fewest_patches, 1)
-        number("eye.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
-        number("eye.target_saturation", self.target_saturation, above=0.0, at_most=1.0)
+                raise InputError(f"camera.{name}: got {getattr(self, name)!r}, want one of {', '.join(known)}")
+        whole("camera.width_px", self.width_px, 16)
+        whole("camera.height_px", self.height_px, 16)
+        whole("camera.fewest_patches", self.fewest_patches, 1)
+        number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
+        number("camera.target_saturation", self.target_saturation, above=0.0, at_most=1.0)
         for name in ("lowest_m", "tallest_m", "widest_m", "patch_m", "front_margin_m", "margin_m"):
-            number(f"eye.{name}", getattr(self, name), above=0.0, at_most=1.0)
+            number(f"camera.{name}", getattr(self, name), above=0.0, at_most=1.0)
         if self.tallest_m <= self.lowest_m:
-            raise InputError(f"eye.tallest_m: got {self.tallest_m:g}, want more than eye.lowest_m {self.lowest_m:g}")
+            raise InputError(
+                f"camera.tallest_m: got {self.tallest_m:g}, want more than camera.lowest_m {self.lowest_m:g}"
+            )
         self._check_lists()
 
     def _check_lists(self) -> None:
-        for name, count in (("eye_m", 3), ("look_at_m", 3), ("target_hue_deg", 2)):
+        for name, count in (("position_m", 3), ("look_at_m", 3), ("target_hue_deg", 2)):
             values = getattr(self, name)
             if not isinstance(values, list | tuple) or len(values) != count:
-                raise InputError(f"eye.{name}: got {values!r}, want {count} numbers")
+                raise InputError(f"camera.{name}: got {values!r}, want {count} numbers")
             for value in values:
-                number(f"eye.{name}", value)
+                number(f"camera.{name}", value)
         low, high = self.target_hue_deg
         if not 0 <= low < high <= 360:
-            raise InputError(f"eye.target_hue_deg: got [{low:g}, {high:g}], want 0 <= low < high <= 360")
-        if math.dist(self.eye_m[:2], self.look_at_m[:2]) < 1e-3:
-            raise InputError("eye.eye_m: straight above eye.look_at_m, want it a little aside: which way is up?")
-
-    @property
-    def camera(self) -> tuple[object, ...]:
-        """What the rendering depends on: two eyes with the same camera can look at one environment."""
-        return (*self.eye_m, *self.look_at_m, self.width_px, self.height_px, self.field_of_view_deg)
+            raise InputError(f"camera.target_hue_deg: got [{low:g}, {high:g}], want 0 <= low < high <= 360")
+        if math.dist(self.position_m[:2], self.look_at_m[:2]) < 1e-3:
+            raise InputError(
+                "camera.position_m: straight above camera.look_at_m, want it a little aside: which way is up?"
+            )
 
     @property
     def intrinsic(self) -> Array:
@@ -85,25 +84,25 @@ class EyeConfig:
     def pose(self, layout: Layout) -> Array:
         """Float64[4, 4]: camera to world, metres; the camera's x is right in the picture, y down, z ahead."""
         middle = np.append(layout.centres.mean(0).numpy(), 0.0)
-        eye, seen = middle + self.eye_m, middle + self.look_at_m
-        ahead = (seen - eye) / np.linalg.norm(seen - eye)
+        here, aim = middle + self.position_m, middle + self.look_at_m
+        ahead = (aim - here) / np.linalg.norm(aim - here)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
         pose = np.eye(4)
-        pose[:3] = np.column_stack([right, np.cross(ahead, right), ahead, eye])
+        pose[:3] = np.column_stack([right, np.cross(ahead, right), ahead, here])
         return pose
 
     def region(self, layout: Layout) -> tuple[Array, Array]:
-        """Float64[2] each: the nearest and the farthest (x, y) that are looked at, metres: the cells and margins."""
+        """Float64[2] each: the nearest and the farthest (x, y) that are searched, metres: the cells and margins."""
         centres, half = layout.centres.numpy(), layout.cell_m / 2
         near = centres.min(0) - half - [self.front_margin_m, self.margin_m]
         return near, centres.max(0) + half + self.margin_m
 
     def check_sees(self, layout: Layout) -> None:
-        """Refuse a layout that does not fit the picture.
+        """Refuse a layout that does not fit into the picture.
 
         Raises:
-            InputError: naming the first cell of which a corner, on the table or `tallest_m` above it, is out of it.
+            InputError: naming the first cell with a corner, on the table or `tallest_m` above it, outside the picture.
         """
         half = layout.cell_m / 2
         corners = np.array([[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, self.tallest_m)])
@@ -112,4 +111,6 @@ class EyeConfig:
             seen = (np.append(xy, 0.0) + corners - pose[:3, 3]) @ pose[:3, :3] @ self.intrinsic.T
             pixel = seen[:, :2] / np.maximum(seen[:, 2:], 1e-9)
             if (seen[:, 2] <= 0).any() or (pixel < 0).any() or (pixel > [self.width_px, self.height_px]).any():
-                raise InputError(f"eye.eye_m: cell {cell} is not all in the picture; want the camera higher, or turned")
+                raise InputError(
+                    f"camera.position_m: cell {cell} is not all in the picture; want the camera higher, or turned"
+                )

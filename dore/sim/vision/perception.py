@@ -10,21 +10,21 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from dore.sim.motion.frames import Array
-from dore.sim.vision.camera_config import EyeConfig
-from dore.sim.vision.scene_estimate import NotUnderstood, Shape, Sighting, Why
+from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Shape, Why
 from dore.world.layout import Layout
 
 TARGET_SEGMENT = 1
 """In `Frame.segmentation`."""
-# The table is found by least squares, three times: from what is this near the plane found so far, metres.
+# The table plane is fitted by least squares three times, each time to what lies this near the last fit, metres.
 _TABLE_WITHIN_M = (0.04, 0.02, 0.01)
 _FEWEST_TABLE_POINTS = 200
 _ARM_BACK_M = 0.25
-"""The arm is looked at so far before the board, to be known by its height."""
+"""The search begins this far before the board, so that the arm is recognised by its height."""
 _TOP_BAND_M = 0.015
 """The top's height is the median of what lies within this below the highest points."""
 _FACE_BELOW_M = 0.001
-"""Points lower than this below the top are not taken for its face: on the camera's side they may be of a wall."""
+"""Points further below the top than this are not taken for its face: they may be on a side wall."""
 _SQUARE_FROM = 0.2
 """Between the fourth moment's share for a disc, 0, and for a square, 3 / 7."""
 
@@ -50,27 +50,28 @@ class Frame:
 @dataclass(frozen=True)
 class _Points:
     """What a part of the frame shows, point by point: xy Float64[N, 2] and height Float64[N] above the table, metres;
-    target Bool[N]: looks like the target; eye Float64[3]: where the camera is."""
+    target Bool[N]: looks like the target; camera Float64[3]: where the camera is."""
 
     xy: Array
     height: Array
     target: NDArray[np.bool_]
-    eye: Array
+    camera: Array
 
     def __getitem__(self, which: NDArray[np.bool_]) -> _Points:
-        return _Points(self.xy[which], self.height[which], self.target[which], self.eye)
+        return _Points(self.xy[which], self.height[which], self.target[which], self.camera)
 
     def at_height(self, height: float) -> Array:
         """Float64[N, 2]: where their lines of sight are at another height, metres: depth noise moves points on them."""
-        share = (self.eye[2] - height) / (self.eye[2] - self.height)
-        return np.asarray(self.eye[:2] + share[:, None] * (self.xy - self.eye[:2]))
+        share = (self.camera[2] - height) / (self.camera[2] - self.height)
+        return np.asarray(self.camera[:2] + share[:, None] * (self.xy - self.camera[:2]))
 
 
-def sightings(frame: Frame, layout: Layout, config: EyeConfig) -> tuple[Sighting, ...]:
+def detections(frame: Frame, layout: Layout, config: CameraConfig) -> tuple[Detection, ...]:
     """The objects on the table, near rows first, each from the robot's left to its right.
 
     What is too small to be an object is left out, and so is the arm: what reaches higher than an object, and what is
-    nearer than the table. Where it reaches over the board it is told as an object that is not upright: it may hide one.
+    nearer than the table. Where the arm is over the board, it is reported as an object that is not upright, since it
+    may hide one.
 
     Raises:
         NotUnderstood: no table is seen.
@@ -84,7 +85,7 @@ def sightings(frame: Frame, layout: Layout, config: EyeConfig) -> tuple[Sighting
             cluster = cluster[cluster.xy[:, 0] > layout.front_m]
             if len(np.unique(_patches(cluster.xy, config.patch_m), axis=0)) < config.fewest_patches:
                 continue
-        one = _sighting(cluster, config, clear=not arm)
+        one = _detection(cluster, config, clear=not arm)
         if one.xy[0] >= near[0]:
             found.append(one)
     return tuple(sorted(found, key=lambda one: (one.xy[0], -one.xy[1])))
@@ -99,8 +100,8 @@ def world_points(frame: Frame) -> Array:
     return np.asarray(np.stack([x, y, frame.depth_m], axis=-1) @ pose[:3, :3].T + pose[:3, 3])
 
 
-def _above_table(frame: Frame, layout: Layout, config: EyeConfig) -> _Points:
-    """The points of the region looked at, and before it, that are not table.
+def _above_table(frame: Frame, layout: Layout, config: CameraConfig) -> _Points:
+    """The points of the searched region, and before it, that are not table.
 
     Raises:
         NotUnderstood: no table is seen.
@@ -110,14 +111,14 @@ def _above_table(frame: Frame, layout: Layout, config: EyeConfig) -> _Points:
     inside = (frame.depth_m > 0) & ((points[..., :2] >= near) & (points[..., :2] <= far)).all(-1)
     shown = points[inside]
     height = shown[:, 2] - _table_height(shown)
-    target, eye = _looks_like_target(frame, inside, config), frame.camera_to_world[:3, 3]
-    return _Points(shown[:, :2], height, target, eye)[height > config.lowest_m]
+    target, camera = _looks_like_target(frame, inside, config), frame.camera_to_world[:3, 3]
+    return _Points(shown[:, :2], height, target, camera)[height > config.lowest_m]
 
 
 def _table_height(points: Array) -> Array:
     """Float64[N]: the table's z below each of the points Float64[N, 3], metres.
 
-    The camera's calibration puts it at 0; least squares on what lies near mends a few millimetres and degrees.
+    The camera's calibration puts it at 0; least squares on what lies near corrects a few millimetres and degrees.
 
     Raises:
         NotUnderstood: too few points lie near it.
@@ -133,11 +134,11 @@ def _table_height(points: Array) -> Array:
     return np.asarray(basis @ plane)
 
 
-def _looks_like_target(frame: Frame, which: NDArray[np.bool_], config: EyeConfig) -> NDArray[np.bool_]:
+def _looks_like_target(frame: Frame, which: NDArray[np.bool_], config: CameraConfig) -> NDArray[np.bool_]:
     """Bool[N]: of the chosen pixels, by colour or by segment."""
     if config.target_by == "segmentation":
         if frame.segmentation is None:
-            raise ValueError("eye.target_by is segmentation, and the frame has none")
+            raise ValueError("camera.target_by is segmentation, and the frame has none")
         return np.asarray(frame.segmentation[which] == TARGET_SEGMENT)
     colour = frame.rgb[which].astype(np.float64)
     red, green, blue = colour.T
@@ -152,7 +153,7 @@ def _patches(xy: Array, edge_m: float) -> NDArray[np.int64]:
     return np.asarray(np.floor(xy / edge_m).astype(np.int64))
 
 
-def _clusters(xy: Array, config: EyeConfig) -> list[NDArray[np.bool_]]:
+def _clusters(xy: Array, config: CameraConfig) -> list[NDArray[np.bool_]]:
     """Bool[N] for each group of touching squares, seen from above, that is large enough; a square needs two points."""
     if len(xy) == 0:
         return []
@@ -166,18 +167,18 @@ def _clusters(xy: Array, config: EyeConfig) -> list[NDArray[np.bool_]]:
     return [of_point == k for k in range(1, n_labels + 1) if size[k] >= config.fewest_patches]
 
 
-def _sighting(points: _Points, config: EyeConfig, clear: bool) -> Sighting:
-    """What a cluster is; never upright where it is not clear that it is a thing of its own."""
+def _detection(points: _Points, config: CameraConfig, clear: bool) -> Detection:
+    """The object that a cluster shows. clear: it is an object of its own; if not, it never counts as upright."""
     level = np.percentile(points.height, 98)
     height = float(np.median(points.height[points.height > level - _TOP_BAND_M]))
     is_target = bool(points.target.mean() > 0.5)
     length = _length(points.xy)
     if not clear or length > min(config.widest_m, height):
         x, y = points.xy.mean(0).tolist()
-        return Sighting((x, y), length / 2, height, 0.0, "cuboid", upright=False, is_target=is_target)
+        return Detection((x, y), length / 2, height, 0.0, "cuboid", upright=False, is_target=is_target)
     face = points[points.height > height - _FACE_BELOW_M].at_height(height)
     xy, half_width, yaw, shape = _footprint(face, _evenly(face, config.patch_m))
-    return Sighting(xy, half_width, height, yaw, shape, upright=True, is_target=is_target)
+    return Detection(xy, half_width, height, yaw, shape, upright=True, is_target=is_target)
 
 
 def _length(xy: Array) -> float:
@@ -188,7 +189,7 @@ def _length(xy: Array) -> float:
 
 
 def _evenly(xy: Array, edge_m: float) -> Array:
-    """Float64[N]: what each point counts, so that no square counts more than the usual one.
+    """Float64[N]: the weight of each point, so that no square weighs more than the median one.
 
     The sides of an object are seen as crowds of points along an edge of its top face.
     """

@@ -1,4 +1,4 @@
-"""From what was seen to a scene that can be planned for, or one line that says why not."""
+"""From detected objects to a scene that can be planned for, or one line that says why there is none."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Literal
 
 import numpy as np
 
+from dore.sim.config import Body
 from dore.sim.motion.frames import inside
 from dore.world.layout import Layout
-from dore.world.plan import Scene, cell_id
+from dore.world.problem import Scene, cell_id
 
 Shape = Literal["cuboid", "cylinder"]
 
@@ -29,7 +30,7 @@ class Why(StrEnum):
 
 
 class NotUnderstood(Exception):
-    """What the camera sees is no scene. `why`: of what kind; `reason`: one line, with ids 1..G and metres."""
+    """The observation is not a valid scene. `why`: of what kind; `reason`: one line, with ids 1..G and metres."""
 
     def __init__(self, why: Why, message: str) -> None:
         super().__init__(f"the camera: {message}")
@@ -37,14 +38,14 @@ class NotUnderstood(Exception):
 
 
 @dataclass(frozen=True)
-class Sighting:
-    """One object as it was seen.
+class Detection:
+    """One detected object.
 
-    xy: middle of the top face, metres, world frame; of what is not upright, the middle of what is seen of it.
+    xy: middle of the top face, metres, world frame; if not upright, the middle of what is seen of it.
     half_width_m: half a cuboid's side, a can's radius; half the length of what is not upright.
     height_m: of its top above the table.
     yaw_rad: how a cuboid is turned, in (-pi/4, pi/4]; 0 for all others.
-    shape: of the top face; of what is not upright it says nothing.
+    shape: of the top face; meaningless if not upright.
     upright: stands on its own; False for what lies, for several that touch, and for what hangs over a cell.
     """
 
@@ -60,36 +61,66 @@ class Sighting:
         return f"{'target' if self.is_target else 'object'} at ({self.xy[0]:.3f}, {self.xy[1]:.3f}) m"
 
 
-def cell_of(sighting: Sighting, layout: Layout) -> int | None:
+@dataclass(frozen=True)
+class SceneEstimate:
+    """The scene that the detected objects make, its obstacles in ascending order, and the objects, the target first."""
+
+    scene: Scene
+    objects: tuple[Detection, ...]
+
+    def __str__(self) -> str:
+        listed = ", ".join(str(cell_id(cell)) for cell in self.scene.obstacles)
+        return f"target on {cell_id(self.scene.target)}, obstacles on {listed or 'no cell'}"
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """Every object as wide and as tall as it is seen."""
+        return tuple(Body(one.shape, one.half_width_m, one.height_m) for one in self.objects)
+
+
+def cell_of(detection: Detection, layout: Layout) -> int | None:
     """The cell that an object's middle is in, from 0; the nearest, where cells overlap; None: off the board."""
-    centres, xy = layout.centres.numpy(), np.array(sighting.xy)
+    centres, xy = layout.centres.numpy(), np.array(detection.xy)
     if not inside(centres, layout.cell_m, xy).any():
         return None
     return int(np.abs(centres - xy).max(axis=1).argmin())
 
 
-def scene_of(sightings: Sequence[Sighting], layout: Layout) -> Scene:
-    """The board as it was seen; obstacles in ascending order.
+def estimate(detections: Sequence[Detection], layout: Layout) -> SceneEstimate:
+    """The scene that the camera sees.
 
     Raises:
         NotUnderstood: an object is off the board, or not upright; two share a cell; no target, or two.
     """
-    holds: dict[int, Sighting] = {}
-    for one in sightings:
+    on: dict[int, Detection] = {}
+    for one in detections:
         cell = cell_of(one, layout)
         if cell is None:
             raise NotUnderstood(Why.OFF_BOARD, f"the {one} is outside every cell")
         if not one.upright:
             size = f"{one.height_m:.2f} m high and {2 * one.half_width_m:.2f} m long"
             raise NotUnderstood(Why.NOT_UPRIGHT, f"the {one} does not stand upright on its own: {size}")
-        if cell in holds:
-            two = f"the {holds[cell]} and the {one}"
+        if cell in on:
+            two = f"the {on[cell]} and the {one}"
             raise NotUnderstood(Why.SHARED_CELL, f"two objects in cell {cell_id(cell)}: {two}; want one at most")
-        holds[cell] = one
-    targets = [cell for cell, one in holds.items() if one.is_target]
+        on[cell] = one
+    targets = sorted(cell for cell, one in on.items() if one.is_target)
     if not targets:
-        raise NotUnderstood(Why.NO_TARGET, f"no target seen; {len(holds)} obstacles are")
+        raise NotUnderstood(Why.NO_TARGET, f"no target seen, but {len(on)} obstacles")
     if len(targets) > 1:
-        ids = " and ".join(str(cell_id(cell)) for cell in sorted(targets))
+        ids = " and ".join(str(cell_id(cell)) for cell in targets)
         raise NotUnderstood(Why.TWO_TARGETS, f"{len(targets)} targets seen, in cells {ids}; want one")
-    return Scene(layout, tuple(sorted(set(holds) - set(targets))), targets[0])
+    scene = Scene(layout, tuple(sorted(set(on) - set(targets))), targets[0])
+    return SceneEstimate(scene, tuple(on[cell] for cell in (scene.target, *scene.obstacles)))
+
+
+def unconfirmed(detections: Sequence[Detection], before: Scene) -> str | None:
+    """Why it is not sure that the target, and nothing else, has left a board; None: it is."""
+    # What hangs in the hand, in front of the grid, is not on the board.
+    on_board = [one for one in detections if one.xy[0] > before.layout.front_m]
+    if any(one.is_target for one in on_board):
+        return "the target still stands on the board"
+    cells = [cell_of(one, before.layout) if one.upright else None for one in on_board]
+    if len(cells) != len(before.obstacles) or set(cells) != set(before.obstacles):
+        return "the obstacles do not stand where they stood"
+    return None
