@@ -189,7 +189,7 @@ def lines_of(runs: Sequence[Run], name: str) -> list[str]:
     return [
         "# The paper's runs as printed",
         "",
-        "Algorithm 2 with the numbers of Table 5 (`experiment=paper/table4`, `reach=paper_fit`), carried on by",
+        "Algorithm 2 with the numbers of Table 5 (`experiment=paper/...`, `reach=paper_fit`), carried on by",
         "`scripts/literal.sh`; [paper.md](../paper.md) has it line by line against the code. Success is the IPT's:",
         "5 batches of 1,000 instances of E_t, unsolvable ones among them, every 1,000 episodes. A run ends when all",
         "five batches reach 95 %, or at T_lim. `last` is what Algorithm 2 returns; `best` is the highest test on the",

@@ -39,7 +39,7 @@ run() {
     [ -z "$stopped" ] && [ ! -f "$folder/done.json" ] && [ "$left" -gt 0 ] || return 0
     echo "== $name"
     # shellcheck disable=SC2086 # MORE holds several overrides.
-    nice -n 19 timeout --signal=TERM --kill-after="$margin" "$left" "$bin/dore-train" experiment=paper/table4 \
+    nice -n 19 timeout --signal=TERM --kill-after="$margin" "$left" "$bin/dore-train" \
         reach=paper_fit logger=none existing=continue run_dir="$folder" "$@" ${MORE:-} &
     child=$!
     while kill -0 "$child" 2>/dev/null; do wait "$child" && code=0 || code=$?; done
@@ -59,11 +59,11 @@ many="6x6_z3-8 7x7_z3-10 8x8_z3-13"
 for seed in 0 1 2; do
     for structure in sequential single; do
         for column in $many $few; do
-            run "${structure}_${column}_seed$seed" paper=$structure column="$column" seed=$seed
+            run "${structure}_${column}_seed$seed" experiment=paper/$structure column="$column" seed=$seed
         done
     done
     # Other readings of what the paper leaves open.
-    other=(paper=sequential column=6x6_z3-8 seed=$seed)
+    other=(experiment=paper/sequential column=6x6_z3-8 seed=$seed)
     run "sequential_6x6_z3-8_natural_seed$seed" "${other[@]}" agent.chain=natural
     run "sequential_6x6_z3-8_lr0.00025_seed$seed" "${other[@]}" optimizer.lr=0.00025
     run "sequential_6x6_z3-8_step_seed$seed" "${other[@]}" training.update_after=step

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from pathlib import Path
 
 import hydra
 import pytest
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from dore.app import build
 from dore.app.session import trainer_of
 from dore.configure import make
 from dore.files import conf_dir
 
+ROOT = Path(__file__).parents[2]
 GROUPS = ("layout", "reach", "instances", "env", "network", "agent", "buffer", "exploration", "optimizer", "column")
 SMALL = ("instances.validation_size=20", "instances.test_size=20", "ipt.batch_size=20", "env.num_envs=4", "logger=none")
 
@@ -46,11 +51,6 @@ def test_every_experiment_builds(experiment):
     trainer_of(compose("train", [f"experiment={experiment}", *train_size, *SMALL]))
 
 
-@pytest.mark.parametrize("paper", options("paper"))
-def test_every_column_of_table_5_builds(paper):
-    trainer_of(compose("train", [f"paper={paper}", "instances.train_size=50", *SMALL]))
-
-
 @pytest.mark.parametrize("planner", options("planner"))
 def test_every_planner_builds(planner):
     cfg = compose("evaluate", [f"planner={planner}", "layout=3x6", "reach=wide_hand", "instances=z3-7"])
@@ -68,12 +68,46 @@ def test_every_option_of_an_execution_builds(option):
     make(compose("execute", [option])[group], group)
 
 
+def commands() -> list[tuple[str, str]]:
+    """(command, overrides) of each example in the comments of conf/ and on the pages. Those of the README are run."""
+    texts = [*conf_dir().rglob("*.yaml"), *ROOT.glob("docs/*.md"), ROOT / "CONTRIBUTING.md"]
+    pattern = re.compile(r"^(?:#.*)?\bdore-(train|evaluate|plan|execute) (.*)$", re.M)
+    found = [pair for path in texts for pair in pattern.findall(path.read_text(encoding="utf-8"))]
+    return [(name, line) for name, line in found if "--" not in line and "hydra/" not in line and "`" not in line]
+
+
+@pytest.mark.parametrize(("command", "line"), commands())
+def test_every_example_composes(command, line):
+    line = re.sub(r"[<>]|  .*", "", line)  # "<date>" is a placeholder; a remark follows two spaces
+    overrides = [word for word in shlex.split(line, comments=True) if word != "-m"]
+    GlobalHydra.instance().clear()
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        parsed = OverridesParser.create(GlobalHydra.instance().config_loader()).parse_overrides(overrides)
+        (jobs,) = BasicSweeper.split_arguments(parsed, max_batch_size=None)
+        for job in jobs:
+            hydra.compose(command, job)
+
+
+def test_the_literal_sweep_is_the_whole_of_table_4():
+    (overrides,) = {tuple(shlex.split(line, comments=True)) for _, line in commands() if "sweep=literal" in line}
+    assert list(overrides[1:]) == ["experiment=paper/single,paper/sequential", "column=glob(*)", "sweep=literal"]
+    assert options("column") == ["6x6_z3-5", "6x6_z3-8", "7x7_z3-10", "7x7_z3-5", "8x8_z3-13", "8x8_z3-5"]
+
+
+@pytest.mark.parametrize("column", ["7x7_z3-5", "8x8_z3-13"])
+@pytest.mark.parametrize("experiment", ["single", "sequential"])
+def test_column_wins_over_the_experiments_own(experiment, column):
+    cfg = compose("train", [f"experiment=paper/{experiment}", f"column={column}"])
+    size, obstacles = column.split("_z3-")
+    assert (f"{cfg.layout.rows}x{cfg.layout.cols}", str(cfg.instances.max_obstacles)) == (size, obstacles)
+
+
 def test_every_config_file_explains_itself():
     """What a reader opens says what it is for, or what its keys mean."""
     silent = []
     for path in sorted(Path(conf_dir()).rglob("*.yaml")):
         lines = path.read_text(encoding="utf-8").splitlines()
-        told = any(line.lstrip().startswith("#") and "@package" not in line for line in lines)
-        if not told:
+        explained = any(line.lstrip().startswith("#") and "@package" not in line for line in lines)
+        if not explained:
             silent.append(str(path.relative_to(conf_dir())))
     assert silent == []

@@ -41,7 +41,7 @@ def literal(paper: str, *overrides: str) -> Trainer:
     soft = "target_update=soft" in overrides
     options = [option for option in LITERAL if not (soft and option.startswith("target_update."))]
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        return trainer_of(hydra.compose("train", [f"paper={paper}", *options, *overrides]))
+        return trainer_of(hydra.compose("train", [f"experiment=paper/{paper}", *options, *overrides]))
 
 
 def numbered(n: int, first: int = 0) -> TensorDict:
@@ -180,7 +180,7 @@ def test_an_ipt_comes_exactly_every_so_many_episodes(monkeypatch):
 
 def test_the_last_model_is_returned_and_the_best_lies_beside_it(tmp_path):
     folder = tmp_path / "run"
-    assert run("train", ["paper=sequential", *LITERAL, "ipt.every_episodes=5", f"run_dir={folder}"]) == 0
+    assert run("train", ["experiment=paper/sequential", *LITERAL, "ipt.every_episodes=5", f"run_dir={folder}"]) == 0
     last, _ = load_model(folder)
     networks = load_checkpoint(folder / "checkpoint.pt")["loss"]
     assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
@@ -207,7 +207,7 @@ def test_stopped_while_it_fills_or_learns_it_goes_on_as_if_it_had_not(tmp_path, 
         if progress.iteration == stop_at:
             self._ask_to_stop(signal.SIGINT, None)
 
-    common = ["paper=sequential", *LITERAL, "env.num_envs=20", "ipt.every_episodes=7"]
+    common = ["experiment=paper/sequential", *LITERAL, "env.num_envs=20", "ipt.every_episodes=7"]
     assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
     with monkeypatch.context() as patch:
         patch.setattr(session.Session, "_report", interrupted)
@@ -223,7 +223,7 @@ def test_stopped_while_it_fills_or_learns_it_goes_on_as_if_it_had_not(tmp_path, 
 def test_a_run_that_ends_while_it_fills_says_so(tmp_path, capsys):
     folder = tmp_path / "run"
     more = ["training.fill=300", "training.max_minutes=1e-6", f"run_dir={folder}"]
-    assert run("train", ["paper=sequential", *LITERAL, *more]) == 0
+    assert run("train", ["experiment=paper/sequential", *LITERAL, *more]) == 0
     said = capsys.readouterr().out
     assert "nothing was learned: the replay holds" in said
     assert "of training.fill 300 transitions" in said
@@ -234,7 +234,7 @@ def test_a_run_that_ends_while_it_fills_says_so(tmp_path, capsys):
 
 def test_only_the_budget_changes_when_a_run_goes_on(tmp_path, capsys):
     folder = tmp_path / "run"
-    assert run("train", ["paper=sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
+    assert run("train", ["experiment=paper/sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
     assert run("train", [f"resume={folder}", "training.fill=90"]) == 2
     assert "training.fill=90 cannot be changed" in capsys.readouterr().err
 
@@ -242,7 +242,7 @@ def test_only_the_budget_changes_when_a_run_goes_on(tmp_path, capsys):
 def test_a_killed_run_leaves_the_last_model_of_its_checkpoint(tmp_path, monkeypatch):
     """keep=last writes the model with each checkpoint."""
     monkeypatch.setattr(session.Session, "_conclude", lambda self, ending: None)
-    assert run("train", ["paper=sequential", *LITERAL, f"run_dir={tmp_path / 'run'}"]) == 0
+    assert run("train", ["experiment=paper/sequential", *LITERAL, f"run_dir={tmp_path / 'run'}"]) == 0
     last, _ = load_model(tmp_path / "run")
     networks = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
     assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
@@ -301,7 +301,7 @@ def test_a_copy_interval_that_is_no_count_is_one_line(interval):
 
 def test_a_run_folder_of_version_0_1_says_what_to_do(tmp_path, capsys):
     folder = tmp_path / "run"
-    assert run("train", ["paper=sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
+    assert run("train", ["experiment=paper/sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
     config = (folder / "config.yaml").read_text().replace("updates: 1", "updates_per_step: 1")
     (folder / "config.yaml").write_text(config)
     assert run("train", [f"resume={folder}"]) == 2
