@@ -20,7 +20,7 @@ Shapes = Literal["mixed", "cuboid", "cylinder"]
 
 @dataclass(frozen=True)
 class Description:
-    """An arm's URDF text, its meshes' paths absolute. srdf: which links may touch; None: not known."""
+    """An arm's URDF text with absolute mesh paths. srdf: which links may touch; None: not known."""
 
     urdf: str
     srdf: str | None = None
@@ -31,20 +31,20 @@ class ArmModel:
     """One arm with its hand. `conf/arm` names the function that makes it; a new arm is such a function and a YAML.
 
     name: also ManiSkill's uid.
-    describe: the description, from the path that the user gives (`arm.urdf`), or None where none is wanted.
+    describe: the description, from the user's path (`arm.urdf`), or from None where the arm needs none.
     joints: the arm's joints from the base on, without the fingers.
-    ready_seed: joint angles (radians) where the search for the ready posture starts: they name the joint branch.
+    ready_seed: joint angles (radians) where the search for the ready posture starts: they choose the joint branch.
     held_joints: stay at the seed's angle, so that an arm of seven joints has one posture for a pose.
     acceleration: limits of the joints, rad/s^2. Their speed limits are the URDF's.
     arm_drive, finger_drive: stiffness, damping and largest force of each simulated joint, N m/rad, N m s/rad, N m
         (with metres for the joints that slide).
     tool_link: the grasp point's frame, z forward, y across the jaws.
     half_opening_m: from the grasp point to the open fingers of either side, metres.
-    fingers: joint to its angle or way (open, closed), closed a little further than the joint goes, so that it
-        presses; all of them follow the first.
-    hand_links: palm and fingers, what the width of the open hand is measured on.
+    fingers: joint to its position (open, closed), the closed one a little beyond what the joint reaches, so that
+        it presses; all of them follow the first.
+    hand_links: palm and fingers, from which the width of the open hand is measured.
     jaws: the links of either side; a held object is pressed by both.
-    parts: link to what people call it.
+    parts: link to its name in messages.
     """
 
     name: str
@@ -160,7 +160,7 @@ class ObjectConfig:
 
     @property
     def widest(self) -> Body:
-        """A can as wide as the largest object however that is turned, and as tall as the tallest."""
+        """A can as wide as the widest object, however it is turned, and as tall as the tallest."""
         kinds = {
             "cuboid": Body("cuboid", self.cuboid_half_width_m[1], self.height_m[1]),
             "cylinder": Body("cylinder", self.can_radius_m[1], self.height_m[1]),
@@ -217,7 +217,7 @@ def preset(name: str, **given: Any) -> Any:
     given: keys with other values.
 
     Raises:
-        InputError: such a value is refused.
+        InputError: one of these values is refused.
     """
     group, _, option = name.partition("/")
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):

@@ -46,7 +46,7 @@ def arm_reach(arm: ArmConfig, objects: ObjectConfig, layout: Layout, kinematics:
 
 
 def corridor_differences(planned: Reach, own: Reach) -> str | None:
-    """What a plan made for one reach may ask of an arm with another, in words; None: nothing that it cannot do.
+    """What a plan made for one reach may ask of an arm with another, in words; None: nothing.
 
     Each corridor of `planned` is checked under `own`'s rules, at its own direction: whether it is allowed there but not
     here, and whether fewer cells must be empty for it there. Both are of the same layout.

@@ -12,8 +12,8 @@ from matplotlib.typing import ColorType
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from dore.draw.board_art import FAINT, INK
 from dore.draw.boards import Panel, panel_pixels
+from dore.draw.style import FAINT, INK
 from dore.files import atomic_write
 
 Pixels = NDArray[np.uint8]

@@ -27,7 +27,7 @@ from dore.sim.motion.frames import Array
 from dore.sim.scene.urdf import arm_files
 
 _GRASP_FORCE_N = 0.5
-"""Less than this from either side is no grasp."""
+"""A weaker force from either side is not a grasp."""
 _FINGER_FRICTION = 2.0
 _DRIVE = ("stiffness", "damping", "force_limit")
 
@@ -144,9 +144,9 @@ def agent_of(arm: ArmConfig) -> type[ArmAgent]:
 def render_backend() -> str:
     """What ManiSkill can draw with here: "gpu", "cpu" (a software Vulkan driver) or "none".
 
-    SAPIEN can only be asked by trying: its own `can_render` answers no where lavapipe works.
+    Found out by trying: SAPIEN's own `can_render` says no where lavapipe works.
     """
-    sapien.render.set_log_level("off")  # what it would print is said in one line by whoever asked
+    sapien.render.set_log_level("off")  # the caller says it in one line
     for name, device in (("gpu", "cuda"), ("cpu", "cpu")):
         try:
             sapien.render.RenderSystem(sapien.Device(device))

@@ -22,7 +22,7 @@ _FINGER_LINKS = [(f"{_NAME}_link_finger_{i}", f"{_NAME}_link_finger_tip_{i}") fo
 
 
 def jaco() -> ArmModel:
-    """The arm with its three fingers half open, as a can wants them: wide open they stand out by 10 cm."""
+    """The arm with its three fingers half open, which suits a can: wide open they stick out by 10 cm."""
     return ArmModel(
         name="jaco",
         describe=_describe,
@@ -47,10 +47,10 @@ def jaco() -> ArmModel:
 
 
 def _describe(urdf: str | None) -> Description:
-    """The user's file with absolute mesh paths, a grasp point, and limits for joints that turn without end.
+    """The user's file with absolute mesh paths, a grasp point, and limits for continuous joints.
 
     Raises:
-        InputError: none given, no such file, no URDF, of another arm, or its meshes are not beside it.
+        InputError: not given, missing, not a URDF, of another arm, or without its meshes beside it.
     """
     if urdf is None:
         raise InputError(f"arm.urdf: not given, {_WANTED}")
@@ -78,7 +78,7 @@ def _mesh(name: str, urdf: Path) -> str:
     """The absolute path of a mesh; a ROS package is looked for among the folders above the URDF.
 
     Raises:
-        InputError: there is no such file.
+        InputError: no such file.
     """
     inside, above = name.removeprefix("file://"), urdf.resolve().parents
     if inside.startswith("package://"):
@@ -96,7 +96,7 @@ def _mesh(name: str, urdf: Path) -> str:
 
 
 def _bound(joint: ElementTree.Element) -> None:
-    """Give a joint that turns without end limits, which Pinocchio wants for a joint with one number."""
+    """Give a continuous joint limits: Pinocchio needs them for a joint with one coordinate."""
     if joint.get("type") != "continuous":
         return
     joint.set("type", "revolute")

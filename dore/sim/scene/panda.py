@@ -13,10 +13,10 @@ _JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
 _FINGER_OPEN_M = 0.04
 """How far each finger opens from the middle, metres."""
 _FINGER_CLOSED_M = -0.01
-"""Commanded to close: less than the fingers can, so that they press on thin objects too, as ManiSkill does."""
+"""Commanded to close: beyond what the fingers reach, so that they press on thin objects too, as ManiSkill does."""
 
 # The stock hand is 20 cm wide and cannot pass between neighbours of 12 cm cells. This one has a 10 cm palm and
-# plain 12 mm fingers, 3 cm longer, so that the tilted palm clears the top of what it grasps. It is no product.
+# plain 12 mm fingers, 3 cm longer, so that the tilted palm clears the top of what it grasps. Not a commercial hand.
 _PALM = (
     ("box", "0 0 0.046", "0.056 0.100 0.034", "0.22 0.23 0.26 1"),
     ("cylinder", "0 0 0.015", "0.036 0.03", "0.9 0.9 0.9 1"),

@@ -1,4 +1,4 @@
-"""Builds what stands in the scene: objects, table, pedestal, and what is only seen. Colours live here."""
+"""Builds the scene: objects, table and pedestal, and shapes that are only seen. Their colours are here."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FLOOR_M = 0.62
 
 
 def build_surroundings(scene: Any, layout: Layout, base_drop_m: float) -> None:
-    """Table and pedestal; where something can render also floor, legs and the grid's lines, which are only seen.
+    """Table and pedestal; if something can render also floor, legs and the grid's lines, which are only seen.
 
     scene: ManiSkillScene. base_drop_m: how far the arm's base stands below the table top, metres.
     """
@@ -58,7 +58,7 @@ def build_surroundings(scene: Any, layout: Layout, base_drop_m: float) -> None:
 
 
 def waiting_xy(index: int) -> tuple[float, float]:
-    """Where an object waits beside the table until it is put on it, metres; on a shelf that is not seen."""
+    """Where an object waits beside the table until it is put on it, metres; on an invisible shelf."""
     return _WAITING_M[0] + _WAITING_PITCH_M * index, _WAITING_M[1]
 
 

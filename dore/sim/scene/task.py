@@ -44,8 +44,8 @@ class DoreTabletopEnv(BaseEnv):
     **Task:** take the target out of the grid and hold it up, with every other object upright in a cell.
 
     **Randomisation:** which cells the objects stand in, unless `reset(options={"cells": [...]})` names one cell
-    per object, the target's first; cells count from 0. Objects beyond those named wait beside the table, and count
-    for nothing until they are put on it. The options `offsets_m`, [x, y] for each cell named, and `yaws_rad` move
+    per object, the target's first; cells count from 0. Objects beyond those named wait beside the table, and are
+    ignored until they are put on it. The options `offsets_m`, [x, y] for each cell named, and `yaws_rad` move
     objects out of the middle of their cells and turn them; without them they stand straight.
 
     **Observations:** `state` and `state_dict` anywhere; with a Vulkan driver `rgb+depth+segmentation` too, by the

@@ -19,12 +19,12 @@ def arm_files(visuals: bool, arm: ArmConfig | None = None) -> Path:
     """The URDF file of an arm, written if it is not there; its SRDF, where it has one, lies beside it.
 
     arm: None: the Panda with the slim hand.
-    visuals: False leaves out everything that is only seen: SAPIEN builds a RenderMaterial for each, which fails
-        where nothing can render.
+    visuals: False leaves out the visual shapes: SAPIEN builds a RenderMaterial for each, which fails where nothing can
+        render.
 
     Raises:
         InputError: `arm.urdf` is missing, unreadable or of another arm.
-        ModuleNotFoundError, RuntimeError: ManiSkill, whose Panda is wanted, is not installed, or is another one.
+        ModuleNotFoundError, RuntimeError: ManiSkill, the source of the Panda, is missing or another version.
     """
     arm = arm or preset("arm/panda_slim")
     description = arm.model.describe(arm.urdf)

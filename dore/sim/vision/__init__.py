@@ -1,1 +1,1 @@
-"""What the RGB-D camera makes of the table."""
+"""The RGB-D camera, and the scene estimated from its pictures."""
