@@ -6,7 +6,6 @@ tests the camera itself.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -32,12 +31,10 @@ from dore.sim.run.operator import Operator
 from dore.sim.run.report import ExecutionReport
 from dore.sim.run.setup import Setup
 from dore.sim.vision.camera import RgbdCamera
-from dore.sim.vision.scene_estimate import Detection, unconfirmed
+from dore.sim.vision.scene_estimate import Detection
 from dore.world.layout import Layout
 from dore.world.problem import Batch, Problem, Scene
 from tests.app.test_conf import compose
-from tests.commands import run
-from tests.rendering import needs_vulkan
 
 pytestmark = pytest.mark.sim
 
@@ -179,32 +176,6 @@ def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch, tmp_path)
     assert report.outcome is Outcome.INCOMPLETE
 
 
-@pytest.mark.parametrize(
-    ("cells_xy", "fine"),
-    [
-        ([(0, 0), (8, 0)], True),
-        ([(0, 0)], False),
-        ([(0, 0), (7, 0)], False),
-        ([(0, 0.12), (8, 0)], False),  # the first one off the board, beside its cell
-        ([(0, 0), (8, 0), (3, 0)], False),
-    ],
-)
-def test_confirmation_wants_every_obstacle_where_it_stood(cells_xy, fine):
-    before = Scene(LAYOUT, obstacles=(0, 8), target=14)
-    seen = [
-        Detection((LAYOUT.cells[cell][0], LAYOUT.cells[cell][1] + aside), 0.025, 0.15, 0.0, "cylinder", True, False)
-        for cell, aside in cells_xy
-    ]
-    assert (unconfirmed(seen, before) is None) == fine
-
-
-def test_a_target_still_on_the_board_is_not_confirmed():
-    before = Scene(LAYOUT, obstacles=(), target=14)
-    held_in_front, standing = ((LAYOUT.front_m - 0.05, 0.0), LAYOUT.cells[14])
-    for xy, says in ((held_in_front, None), (standing, "the target still stands on the board")):
-        assert unconfirmed([Detection(xy, 0.025, 0.15, 0.0, "cylinder", True, True)], before) == says
-
-
 def test_an_obstacle_lost_off_the_table_is_missed(monkeypatch, tmp_path):
     """Dropped before the grid, where no camera looks."""
 
@@ -276,27 +247,6 @@ def test_without_a_camera_there_is_no_closed_loop(monkeypatch, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.parametrize(
-    ("overrides", "says"),
-    [
-        ([], "plan, scene: want one of them"),
-        (["plan=conf/plans/fig7.json", "scene=random"], "plan, scene: want one of them"),
-        (["plan=conf/plans/fig7.json", "loop=closed"], "want scene= and not plan="),
-        (["scene=random", "loop=half"], "loop: got 'half', want open or closed"),
-        (["scene=random", "obstacles=18"], "obstacles: got 18, want at most 17"),
-        (["scene=random", "obstacles=0"], "obstacles: got 0"),
-        (["scene=random", "jitter_m=-1"], "jitter_m: got -1"),
-        (["scene=random", "disturbance=flood"], "flood"),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capfd, overrides, says):
-    assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 2
-    error = capfd.readouterr().err.strip()
-    assert says in error
-    assert "\n" not in error
-    assert not (tmp_path / "run").exists()
-
-
 def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(tmp_path):
     low = replace(SETUP, camera=replace(SETUP.camera, position_m=(0.4, 0.0, 0.3)))
     with pytest.raises(InputError, match=r"camera\.position_m"):
@@ -305,19 +255,3 @@ def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(tmp_pat
     with pytest.raises(InputError, match="disturbance: puts in 1 more, and the scene has 0 cells left"):
         execute(loop_with(IntruderObject(1), full), SETUP, tmp_path / "none")
     assert not (tmp_path / "none").exists()
-
-
-def test_a_scene_is_planned_and_carried_out(tmp_path, capfd):
-    assert run("execute", ["scene=random", "obstacles=5", "video=off", "seed=4", f"run_dir={tmp_path / 'run'}"]) == 0
-    assert "done: " in capfd.readouterr().out
-    assert json.loads((tmp_path / "run" / "execution.json").read_text())["planner"] == "guided"
-
-
-@needs_vulkan
-def test_a_real_camera_closes_the_loop(tmp_path, capfd):
-    overrides = ["scene=random", "obstacles=5", "loop=closed", "disturbance=moved", "video=off", "seed=2"]
-    assert run("execute", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 0
-    report = json.loads((tmp_path / "run" / "execution.json").read_text())
-    assert report["claimed"]
-    assert report["conditions"]["success"]
-    assert np.isfinite(report["simulated_s"])

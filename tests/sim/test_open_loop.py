@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import sapien
@@ -16,43 +15,26 @@ import sapien
 from dore.errors import InputError
 from dore.sim.config import preset
 from dore.sim.motion.kinematics import ArmKinematics
-from dore.sim.motion.outcome import Outcome, Refused
-from dore.sim.motion.rehearsal import Rehearsal, tasks_of
+from dore.sim.motion.outcome import Outcome
 from dore.sim.run import execution
 from dore.sim.run.execution import Execution
 from dore.sim.run.feedback import PrivilegedState
 from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.operator import Operator
 from dore.sim.run.report import ExecutionReport
-from dore.sim.run.setup import CONTROL_S, REPORT_NAME, VIDEO_NAME, Setup
+from dore.sim.run.setup import REPORT_NAME, VIDEO_NAME, Setup
 from dore.world.layout import Layout
 from dore.world.plan import Move, Plan, PlanFile, Status, replay
 from dore.world.problem import Problem, Scene
 from dore.world.reach import Reach
 from tests.rendering import needs_vulkan
+from tests.setups import FIG7, LAYOUT, OBJECTS, REACH, plan_of, setup
 
 pytestmark = pytest.mark.sim
-
-LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
-REACH = Reach(LAYOUT, 0.10, 30.0, 61, staging_m=0.07, lateral_limit_m=0.42, max_yaw_deg=60.0)
-"""The arm's, with a sector at 0 degrees."""
-FIG7 = Scene(LAYOUT, obstacles=(15, 2, 8, 6, 12, 0), target=14)
-ARM = preset("arm/panda_slim")
-OBJECTS = preset("objects/mixed")
-
-
-def setup(**changes: Any) -> Setup:
-    """Without pictures."""
-    return replace(Setup(ARM, OBJECTS, preset("view/corner"), preset("camera/kinect"), seed=0, film=False), **changes)
 
 
 def execute(plan_file: PlanFile, setup: Setup, folder: Path) -> ExecutionReport:
     return execution.execute(OpenLoop(plan_file), setup, folder)
-
-
-def plan_of(*moves: Move, scene: Scene = FIG7, target_direction_deg: float = 0.0) -> PlanFile:
-    reach = Reach(scene.layout, **REACH.to_dict())
-    return PlanFile(Problem(scene, reach), Plan(Status.SOLVED, moves, target_direction_deg, "test", 0.0))
 
 
 FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0.0, 0.0))
@@ -106,29 +88,6 @@ def test_a_corridor_through_an_object_is_refused_before_anything_moves(tmp_path)
     assert report.message.endswith("would touch the object on cell 3")
     assert report.moves == []
     assert json.loads((tmp_path / REPORT_NAME).read_text())["outcome"] == "blocked"
-
-
-def test_a_carried_object_that_would_touch_another_is_refused():
-    scene = Scene(LAYOUT, obstacles=(2, 9), target=17)
-    plan = plan_of(Move(2, 14, 0.0, 24.0), scene=scene)
-    with pytest.raises(
-        Refused, match=r"move 1 \(3 to 15\): insert: the .* would touch the object on cell 10"
-    ) as caught:
-        OpenLoop(plan).begin(setup(), OBJECTS.draw(3, np.random.default_rng(0)))
-    assert caught.value.outcome is Outcome.BLOCKED
-
-
-def test_what_the_arm_cannot_reach_is_refused():
-    bodies, kinematics = OBJECTS.draw(1, np.random.default_rng(0)), setup().kinematics
-    for layout, cell, direction, says in (
-        (Layout.grid(3, 6, 0.12, 0.90), 14, 0.0, r"target \(15\): approach: no joint angles"),
-        (LAYOUT, 0, 55.0, r"target \(1\): its corridor heads 8"),
-        (LAYOUT, 17, 40.0, r"its corridor begins at y = -0\.4\d+ m, want within \+-0\.42"),
-    ):
-        scene, rehearsal = Scene(layout, (), cell), Rehearsal(layout, kinematics, bodies, CONTROL_S)
-        with pytest.raises(Refused, match=says) as caught:
-            rehearsal.play(rehearsal.start(scene), tasks_of(scene, plan_of(target_direction_deg=direction).plan))
-        assert caught.value.outcome is Outcome.OUT_OF_REACH
 
 
 def test_a_layout_out_of_reach_and_a_plan_for_another_reach_are_refused_by_name(tmp_path):
@@ -198,81 +157,6 @@ def test_jittered_and_turned_objects_are_carried_out(tmp_path):
     assert execute(FIG7_PLAN, setup(jitter_m=0.01, turned=True), tmp_path).success
 
 
-@pytest.mark.parametrize(
-    ("moved", "to", "after_steps", "outcome"),
-    [
-        (1, [0.56, 0.30, 0.076], 0, Outcome.WORLD_CHANGED),  # seen before the arm moves
-        (1, [0.56, 0.30, 0.076], 30, Outcome.MISSED_GRASP),  # taken away as the hand comes
-        (1, [0.56, 0.30, 0.076], 80, Outcome.DROPPED),  # taken out of the hand
-        (0, [0.80, 0.33, 0.076], 30, Outcome.PUSHED),  # another object shifted within its cell
-        (0, [0.895, 0.30, 0.03], 30, Outcome.TOPPLED),  # or laid down
-        (1, None, 80, Outcome.SLIPPED),  # pulled down a little in the hand
-    ],
-)
-def test_a_stranger_s_hand_is_noticed(moved, to, after_steps, outcome):
-    scene = Scene(LAYOUT, obstacles=(2,), target=12)
-    plan, bodies = plan_of(Move(2, 8, 0.0, 0.0), scene=scene), OBJECTS.draw(2, np.random.default_rng(0))
-    env = gym.make(
-        "DoreTabletop-v1", layout=LAYOUT, bodies=bodies, arm=ARM, obs_mode="none", reward_mode="none",
-        control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend="none",
-    )  # fmt: skip
-    env.reset(seed=0, options={"cells": [12, 2]})
-    steps = 0
-
-    def disturb() -> None:
-        nonlocal steps
-        if steps == after_steps:
-            here = env.unwrapped.objects[moved].pose
-            pulled = sapien.Pose(p=here.p[0].numpy() - [0, 0, 0.009], q=here.q[0].numpy())
-            lying = [0.5**0.5, 0.5**0.5, 0, 0] if to and to[2] < 0.05 else [1, 0, 0, 0]
-            env.unwrapped.objects[moved].set_pose(sapien.Pose(p=to, q=lying) if to else pulled)
-        steps += 1
-
-    if after_steps == 0:
-        disturb()
-    rehearsal = Rehearsal(LAYOUT, setup().kinematics, bodies, CONTROL_S)
-    operator = Operator(env, PrivilegedState(env.unwrapped), disturb)
-    ended, _ = operator.run(rehearsal, rehearsal.start(scene), tasks_of(scene, plan.plan)[0])
-    assert ended is outcome
-    env.close()
-
-
-def test_feedback_returns_what_it_sees_and_leaves_what_was_known():
-    """An object off the middle of its cell and turned: in the state that is returned, and not in the one given."""
-    scene, bodies = Scene(LAYOUT, obstacles=(2,), target=12), OBJECTS.draw(2, np.random.default_rng(0))
-    rehearsal = Rehearsal(LAYOUT, setup().kinematics, bodies, CONTROL_S)
-    known = rehearsal.start(scene)
-    env = setup().environment(LAYOUT, bodies, "none")
-    env.reset(options={"cells": [12, 2], "offsets_m": [[0.0, 0.0], [0.01, -0.02]], "yaws_rad": [0.4, 0.0]})
-    outcome, seen = PrivilegedState(env.unwrapped).look(known)
-    assert outcome is Outcome.DONE
-    assert known.standing == rehearsal.start(scene).standing
-    x, y = LAYOUT.cells[2]
-    assert seen.standing[1].xy == pytest.approx((x + 0.01, y - 0.02), abs=1e-4)
-    assert seen.standing[0].yaw_rad == pytest.approx(0.4, abs=1e-4)
-    assert seen.cell_of == known.cell_of
-    env.close()
-
-
-def test_a_rehearsal_depends_on_state_and_task_alone():
-    """The same question in between others gets the same answer, and no state is changed by one."""
-    scene = Scene(LAYOUT, obstacles=(2, 9), target=12)
-    first, second, _ = tasks_of(scene, plan_of(Move(2, 8, 0.0, 0.0), Move(9, 10, 0.0, 0.0), scene=scene).plan)
-    rehearsal = Rehearsal(LAYOUT, setup().kinematics, OBJECTS.draw(3, np.random.default_rng(0)), CONTROL_S)
-    start = rehearsal.start(scene)
-    motions, lifted = rehearsal.pick_up(start, first)
-    x, y, _ = lifted.arm.xyz.tolist()
-    down, after = rehearsal.put_down(lifted, first, held_xy=(x + 0.005, y))
-    rehearsal.play(after, [second])
-    assert start.standing == rehearsal.start(scene).standing
-    assert set(lifted.standing) == {0, 2}
-    assert after.cell_of == {0: 12, 1: 8, 2: 9}
-    repeated = rehearsal.pick_up(start, first)[0], rehearsal.put_down(lifted, first, held_xy=(x + 0.005, y))[0]
-    for given, again in zip((motions, down), repeated, strict=True):
-        assert list(given) == list(again)
-        assert all(np.array_equal(given[name], again[name]) for name in given)
-
-
 def test_the_arm_is_built_once_for_an_execution(tmp_path, monkeypatch):
     built, make = [], ArmKinematics.__init__
 
@@ -304,33 +188,6 @@ def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
     report = execute(plan, setup(objects=replace(OBJECTS, shapes="cuboid")), tmp_path)
     assert report.success
     assert max(move.placement_error_mm or 0.0 for move in report.moves) < 3.0
-
-
-def test_the_task_is_made_by_gymnasium_and_observes_its_state():
-    env = gym.make("DoreTabletop-v1", obs_mode="state_dict", sim_backend="physx_cpu", render_backend="none")
-    observed, _ = env.reset(seed=3)
-    assert observed["extra"]["object_poses"].shape == (1, 7 * 7)
-    again, _ = env.reset(seed=3)
-    assert (observed["extra"]["object_poses"] == again["extra"]["object_poses"]).all()
-    _, reward, terminated, _, info = env.step(env.action_space.sample() * 0)
-    assert not info["success"].any()
-    assert not terminated.any()
-    assert float(reward) == 0.0
-    with pytest.raises(InputError, match="different cells"):
-        env.reset(options={"cells": [0] * 7})
-    env.close()
-
-
-def test_irregular_layouts_and_too_many_objects():
-    layout = Layout(((0.55, 0.1), (0.66, -0.05)), 0.12)
-    bodies = OBJECTS.draw(3, np.random.default_rng(0))
-    settings: dict[str, Any] = {"layout": layout, "obs_mode": "none", "render_backend": "none"}
-    env = gym.make("DoreTabletop-v1", bodies=bodies[:2], **settings)
-    env.reset(options={"cells": [1, 0]})
-    assert np.allclose(env.unwrapped.positions()[0, :, :2], [[0.66, -0.05], [0.55, 0.1]], atol=1e-3)
-    env.close()
-    with pytest.raises(InputError, match="3 objects"):
-        gym.make("DoreTabletop-v1", bodies=bodies, **settings)
 
 
 @needs_vulkan
