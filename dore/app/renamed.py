@@ -14,10 +14,14 @@ KEYS = {
     "view.eye_m": "view.position_m",
     "arm.lane_margin_m": "arm.corridor_margin_m",
     "arm.heading_limit_deg": "arm.max_yaw_deg",
+    "paper": "experiment=paper/single, experiment=paper/sequential or experiment=paper/single_3x6",
 }
 OPTIONS = {
     **{f"camera/{name}": f"view={name}" for name in ("corner", "corner_large", "corner_page")},
     "disturbance/stranger": "disturbance=intruder",
+    "experiment/paper/table4": "experiment=paper/single or experiment=paper/sequential",
+    "experiment/paper/single_6x6": "experiment=paper/single",
+    "experiment/ablation/literal": "experiment=ablation/literal_single or experiment=ablation/literal_sequential",
 }
 
 
@@ -30,5 +34,5 @@ def hint(text: str) -> str | None:
         return old and f"{key}: renamed, want {KEYS[old]}{key.removeprefix(old)}"
     missing = re.search(r"Could not find '([^']+)'", text)
     if missing and missing[1] in OPTIONS:
-        return f"{missing[1].replace('/', '=')}: renamed, want {OPTIONS[missing[1]]}"
+        return f"{missing[1].replace('/', '=', 1)}: renamed, want {OPTIONS[missing[1]]}"
     return None

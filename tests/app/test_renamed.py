@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from omegaconf import OmegaConf
 
@@ -28,12 +30,25 @@ def test_an_old_name_is_refused_with_the_new_one(override, says, capfd):
     assert capfd.readouterr().err.strip() == f"dore-execute: {says}"
 
 
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("paper=sequential", "paper: renamed, want experiment=paper/single, experiment=paper/sequential or "),
+        ("experiment=paper/table4", "experiment=paper/table4: renamed, want experiment=paper/single or "),
+    ],
+)
+def test_an_old_preset_is_refused_with_the_new_ones(override, says, capfd):
+    assert run("train", [override]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"dore-train: {says}")
+
+
 def test_the_new_names_exist():
     config = compose("execute", [])
     for key in KEYS.values():
-        assert OmegaConf.select(config, key.split(",")[0]) is not None, key
-    for option in OPTIONS.values():
-        assert (conf_dir() / f"{option.replace('=', '/')}.yaml").exists()
+        assert "=" in key or OmegaConf.select(config, key.split(",")[0]) is not None, key
+    for option in re.findall(r"[\w/]+=[\w/]+", " ".join([*KEYS.values(), *OPTIONS.values()])):
+        assert (conf_dir() / f"{option.replace('=', '/')}.yaml").exists(), option
 
 
 def test_other_errors_are_left_alone():
