@@ -27,18 +27,20 @@ def tiny_network() -> NetworkFactory:
     return partial(MLP, widths=[32])
 
 
-def make_agent(kind: str, literal: bool, reach: Reach, slots: int = 5) -> Sequential | Single:
-    """An agent of either structure, in its improved or its literal form."""
+def make_agent(
+    kind: str, literal: bool, reach: Reach, slots: int = 5, network: NetworkFactory | None = None, mirrored: bool = True
+) -> Sequential | Single:
+    """An agent of either structure, in its improved or its literal form; `mirrored`: the layout is."""
     torch.manual_seed(0)
     common = {
         "reach": reach,
-        "network": tiny_network(),
+        "network": tiny_network() if network is None else network,
         "encoding": "state" if literal else "planes",
         "mask_mode": "literal" if literal else "legal",
         "gamma": 0.9,
         "double": not literal,
         "loss_function": "l2" if literal else "smooth_l1",
-        "symmetry": not literal,
+        "symmetry": not literal and mirrored,
     }
     if kind == "sequential":
         return Sequential(chain="literal" if literal else "natural", **common)

@@ -16,7 +16,10 @@ VISITED = "visited"
 FAILURE = "failure"
 """Int64[B]: a `dore.world.rules.Failure` code."""
 PICK_MASK: Key = ("pick", "mask")
-"""Bool[B, G]: legal picks."""
+"""Bool[B, G]: legal picks, of the environment."""
+PICKABLE: Key = ("pick", "accessible")
+"""Bool[B, G]: m_p (eqs. 11-12), of the environment: obstacles that the hand can get to, whether or not they can be
+placed somewhere."""
 PICK: Key = ("pick", "action")
 """Int64[B]: the cell whose obstacle is picked."""
 PICK_VALUE: Key = ("pick", "action_value")
@@ -24,7 +27,8 @@ PICK_VALUE: Key = ("pick", "action_value")
 PICK_REWARD: Key = ("pick", "reward")
 """Float[B, 1]: the pick network's reward (section 5.2)."""
 PLACE_MASK: Key = ("place", "mask")
-"""Bool[B, G]: legal places: from the environment for every legal pick, from a policy for the pick it chose."""
+"""Bool[B, G]: what the place head may choose for the pick that was chosen. A policy writes it once the obstacle is
+lifted; the environment does not, because no mask of places is right before the pick is known."""
 PLACE: Key = ("place", "action")
 """Int64[B]: the cell on which it is placed."""
 PLACE_VALUE: Key = ("place", "action_value")

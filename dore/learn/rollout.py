@@ -1,4 +1,4 @@
-"""Greedy episodes of a policy on a batch of instances; finished rows leave the batch.
+"""Greedy episodes of a policy on a batch of instances; those that have ended leave the batch.
 
 B denotes the batch, T the step limit.
 """
@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from dore.world.episode import Episodes, advance, begin
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import Failure, legal_moves, transition
+from dore.world.rules import Failure
 
-Choose = Callable[[Tensor, Tensor, Tensor, Tensor], tuple[Tensor, Tensor]]
-"""Boards Int64[B, W], targets Int64[B], the episodes' boards Int64[B, T, W] and legal picks Bool[B, G] -> the cells
-Int64[B] to pick from and to place on."""
+Choose = Callable[[Episodes], tuple[Tensor, Tensor]]
+"""B episodes -> the cells Int64[B] to pick from and to place on."""
 
 
 @dataclass(frozen=True)
@@ -49,27 +49,16 @@ def greedy_rollout(choose: Choose, reach: Reach, batch: Batch, max_moves: int) -
     pick = torch.zeros(n, max_moves, dtype=torch.int64, device=device)
     place = torch.zeros_like(pick)
     n_moves = torch.zeros(n, dtype=torch.int64, device=device)
-    failure = torch.zeros_like(n_moves)
-    rows, (board, target) = torch.arange(n, device=device), batch
-    visited = board[:, None].repeat(1, max_moves + 1, 1)
-    legal = legal_moves(reach, board, target, visited)
-    solved = legal.solved.clone()
+    rows, episodes = torch.arange(n, device=device), begin(reach, batch, max_moves)
+    solved, failure = episodes.solved.clone(), episodes.failure.clone()
     for step in range(max_moves):
-        stuck = ~legal.solved & ~legal.pick.any(-1)
-        failure[rows[stuck]] = int(Failure.NO_LEGAL_MOVE)
-        going = (~legal.solved & ~stuck).nonzero().squeeze(-1)
+        going = (~episodes.solved & (episodes.failure == Failure.NONE)).nonzero().squeeze(-1)
         if not len(going):
             break
-        rows, board, target, visited = rows[going], board[going], target[going], visited[going]
-        chosen = choose(board, target, visited, legal.pick[going])
-        outcome = transition(reach, board, target, visited, *chosen)
+        rows, episodes = rows[going], episodes.at(going)
+        chosen = choose(episodes)
         pick[rows, step], place[rows, step] = chosen
-        accepted = outcome.failure == Failure.NONE
-        failure[rows] = outcome.failure
-        n_moves[rows] += accepted.long()
-        kept = accepted.nonzero().squeeze(-1)
-        rows, board, target, visited = rows[kept], outcome.board[kept], target[kept], visited[kept]
-        visited = visited.index_copy(1, torch.tensor([step + 1], device=device), board[:, None])
-        legal = legal_moves(reach, board, target, visited)
-        solved[rows] = legal.solved
+        episodes, _ = advance(reach, episodes, *chosen)
+        solved[rows], failure[rows] = episodes.solved, episodes.failure
+        n_moves[rows] += episodes.accepted.long()
     return Rollout(pick, place, n_moves, solved, failure)

@@ -53,6 +53,8 @@ class LegalMoves(NamedTuple):
     some lift opens. Means nothing on a board without a legal pick."""
     solved: Tensor
     """Bool[B]: the target is accessible."""
+    pickable: Tensor
+    """Bool[B, G]: m_p, eq. 11-12: obstacles that the hand can get to, placed or not."""
 
 
 class Accessibility(NamedTuple):
@@ -119,7 +121,8 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
     n_cells = reach.n_cells
     standing = board | bit(target, board.shape[-1])
     free = reach.free(standing)
-    pick = free & unpack(board, n_cells)
+    in_reach = free & unpack(board, n_cells)
+    pick = in_reach.clone()
     added = visited & ~board[:, None]
     back = _any_of(torch.where(_one_bit(added)[..., None], added, 0))
     place = free & ~unpack(standing | back, n_cells)
@@ -131,7 +134,7 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
         pick[source, cell] = places.any(-1)
         place[doubtful] = torch.zeros_like(place[doubtful]).index_put((row,), places, accumulate=True)
     solved = free.gather(-1, target[:, None]).squeeze(-1)
-    return LegalMoves(pick, place, solved)
+    return LegalMoves(pick, place, solved, in_reach)
 
 
 def has_move(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
@@ -139,15 +142,27 @@ def has_move(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
     return legal_moves(reach, board, target, board[:, None]).pick.any(-1)
 
 
-def transition(reach: Reach, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor, place: Tensor) -> Outcome:
+def transition(
+    reach: Reach,
+    board: Tensor,
+    target: Tensor,
+    visited: Tensor,
+    pick: Tensor,
+    place: Tensor,
+    can_pick: Tensor | None = None,
+) -> Outcome:
     """One pick-and-place a row; a refused move changes nothing (paper, section 5.1).
 
     Args:
         board: Int64[B, W]; target, pick, place: Int64[B] cells; visited: Int64[B, T, W].
+        can_pick: Bool[B, G], `pickable` of these boards where it is known; else the picked cells are checked.
     """
     words = board.shape[-1]
     target_bit, place_bit = bit(target, words), bit(place, words)
-    pick_ok = contains(board, pick) & reach.free_cell(board | target_bit, pick)
+    if can_pick is None:
+        pick_ok = contains(board, pick) & reach.free_cell(board | target_bit, pick)
+    else:
+        pick_ok = can_pick.gather(-1, pick[:, None]).squeeze(-1)
     lifted = lift(board, pick)
     standing = lifted | target_bit
     place_ok = ~contains(standing, place) & reach.free_cell(standing, place)

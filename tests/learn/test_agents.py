@@ -124,22 +124,6 @@ def test_greedy_is_the_argmax_over_legal_cells():
         assert torch.equal(acted[action], best)
 
 
-@BOTH
-@FORMS
-def test_greedy_is_what_the_policy_does_where_it_does_not_explore(kind, literal):
-    reach = wide_hand(3, 6)
-    agent, env = make_agent(kind, literal, reach, slots=9), make_env(reach, 200, 9)
-    agent.set_epsilon(1.0)
-    shown = env.reset()
-    for _ in range(3):
-        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-            step, following = env.step_and_maybe_reset(agent.policy(shown.clone()))
-            pick, place = agent.greedy(*(shown[key] for key in (keys.BOARD, keys.TARGET, keys.VISITED, keys.PICK_MASK)))
-        assert torch.equal(step[keys.PICK], pick)
-        assert torch.equal(step[keys.PLACE], place)
-        shown = following
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 import torch
+from tensordict import TensorDict
+from torchrl.collectors import Collector
 from torchrl.envs import ActionMask, TransformedEnv, check_env_specs
 
 from dore.errors import InputError
@@ -16,15 +18,15 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure, legal_places
 from tests.drawings import wide_hand
-from tests.worlds import REWARDS, make_env
+from tests.worlds import REWARDS, make_agent, make_env
 
 
-def random_legal(env: RearrangeEnv, shown, generator: torch.Generator):
+def random_legal(env: RearrangeEnv, observation, generator: torch.Generator):
     """The same TensorDict with a random legal move in every row."""
-    pick = shown[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
-    places = legal_places(env.reach, shown[keys.BOARD], shown[keys.TARGET], shown[keys.VISITED], pick)
+    pick = observation[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
+    places = legal_places(env.reach, observation[keys.BOARD], observation[keys.TARGET], observation[keys.VISITED], pick)
     place = places.float().multinomial(1, generator=generator).squeeze(-1)
-    return shown.set(keys.PICK, pick).set(keys.PLACE, place)
+    return observation.set(keys.PICK, pick).set(keys.PLACE, place)
 
 
 @pytest.mark.parametrize("size", [(3, 6, 0.12), (10, 10, 0.09)])
@@ -33,43 +35,114 @@ def test_specs(size):
 
 
 def test_specs_with_action_masks():
-    env = TransformedEnv(make_env(wide_hand(3, 6), 16, 9), ActionMask(keys.PICK, keys.PICK_MASK))
-    env.append_transform(ActionMask(keys.PLACE, keys.PLACE_MASK))
-    check_env_specs(env)
+    check_env_specs(TransformedEnv(make_env(wide_hand(3, 6), 16, 9), ActionMask(keys.PICK, keys.PICK_MASK)))
 
 
-def test_random_actions_under_action_masks_are_legal_through_partial_resets():
-    """ActionMask reads the mask of `_reset`: rows that are not reset must show their own there.
-
-    With a hand this narrow some cell is always open to every pick, so the stock transform suffices.
-    """
+def test_random_picks_under_an_action_mask_are_legal_through_partial_resets():
+    """ActionMask reads the mask of `_reset`: rows that are not reset must show their own there."""
     narrow = Reach(Layout.grid(6, 6, 0.12), clearance_m=0.08, half_fan_deg=5.0, n_sectors=10)
     env = TransformedEnv(make_env(narrow, 256, 9), ActionMask(keys.PICK, keys.PICK_MASK))
-    env.append_transform(ActionMask(keys.PLACE, keys.PLACE_MASK))
     env.set_seed(3)
     torch.manual_seed(0)
     rollout = env.rollout(12, break_when_any_done=False)
     done = rollout["next", keys.DONE]
     assert done[:, :-1].any(), "no partial reset was seen"
-    refused = (rollout["next", keys.FAILURE] >= Failure.PICK) & (rollout["next", keys.FAILURE] <= Failure.GO_BACK)
-    assert not refused.any()
+    failures = set(rollout["next", keys.FAILURE].flatten().tolist())
+    assert Failure.PLACE in failures, "places are drawn without a mask"
+    assert failures.isdisjoint({Failure.PICK, Failure.PICK_AND_PLACE})
 
 
 def test_partial_reset_leaves_the_other_rows_alone():
     env = make_env(wide_hand(4, 6), 32, 6)
     generator = torch.Generator().manual_seed(0)
-    shown = env.reset()
-    shown = env.step(random_legal(env, shown, generator))["next"]
+    observation = env.reset()
+    observation = env.step(random_legal(env, observation, generator))["next"]
     ask = torch.zeros(32, 1, dtype=torch.bool)
     ask[::3] = True
-    before, state = shown.clone(), env.state_dict()
-    after = env.reset(shown.clone().set("_reset", ask))
+    before, state = observation.clone(), env.state_dict()
+    after = env.reset(observation.clone().set("_reset", ask))
     others = ~ask.squeeze(-1)
-    for key in (keys.BOARD, keys.TARGET, keys.VISITED, keys.PICK_MASK, keys.PLACE_MASK):
+    for key in (keys.BOARD, keys.TARGET, keys.VISITED, keys.PICK_MASK, keys.PICKABLE, keys.FAILURE):
         assert torch.equal(after[key][others], before[key][others]), key
     assert not torch.equal(after[keys.BOARD][~others], before[keys.BOARD][~others])
     assert torch.equal(env.state_dict()["moves"][others], state["moves"][others])
     assert (env.state_dict()["moves"][~others] == 0).all()
+
+
+def test_what_reset_and_step_return_may_be_written_into():
+    """Nothing that a caller does to it changes the environment, and nothing that the environment does changes it."""
+
+    def play(spoil: bool) -> TensorDict:
+        env = make_env(wide_hand(4, 6), 32, 6)
+        generator, taken = torch.Generator().manual_seed(0), []
+        observation = env.reset()
+        for _ in range(6):
+            acted = random_legal(env, observation.clone(), generator)
+            if spoil:
+                _fill_all(observation)
+            step = env.step(acted)["next"]
+            taken.append(step.clone())
+            ask = step[keys.DONE].clone()
+            if spoil:
+                _fill_all(step)
+            if ask.any():
+                env.reset(TensorDict({"_reset": ask}, batch_size=[32]))
+            observation = env.observation()
+        return torch.stack(taken)
+
+    clean, spoiled = play(spoil=False), play(spoil=True)
+    for key in clean.keys(include_nested=True, leaves_only=True):
+        assert torch.equal(clean[key], spoiled[key]), key
+
+
+def _fill_all(tensordict: TensorDict) -> None:
+    for leaf in tensordict.values(include_nested=True, leaves_only=True):
+        leaf.fill_(1)
+
+
+def test_later_steps_leave_what_was_returned_as_it_was():
+    env = make_env(wide_hand(4, 6), 32, 6)
+    generator = torch.Generator().manual_seed(0)
+    first = env.reset()
+    kept = first.clone()
+    observation = first.clone()
+    for _ in range(3):
+        _, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
+    for key in kept.keys(include_nested=True, leaves_only=True):
+        assert torch.equal(first[key], kept[key]), key
+
+
+@pytest.mark.parametrize("name", [keys.BOARD, keys.TARGET, keys.VISITED])
+def test_an_observation_that_is_not_the_environments_is_refused(name):
+    env = make_env(wide_hand(3, 6), 8, 6)
+    acted = random_legal(env, env.reset(), torch.Generator().manual_seed(0))
+    other = acted.clone()
+    other[name][3] ^= 1
+    with pytest.raises(
+        InputError, match=rf"^env\.step: {name}: got another one than the environment's, want"
+    ) as refusal:
+        env.step(other)
+    assert "\n" not in str(refusal.value)
+    env.step(acted)
+
+
+def test_actions_alone_are_enough_for_a_step():
+    env, same = make_env(wide_hand(3, 6), 8, 6), make_env(wide_hand(3, 6), 8, 6)
+    acted = random_legal(env, env.reset(), torch.Generator().manual_seed(0))
+    same.reset()
+    alone = same.step(acted.select(keys.PICK, keys.PLACE))
+    assert torch.equal(alone["next", keys.BOARD], env.step(acted)["next", keys.BOARD])
+
+
+def test_a_stock_collector_runs_a_policy_in_it():
+    reach = wide_hand(3, 6)
+    env, agent = make_env(reach, 16, 6), make_agent("sequential", False, reach)
+    agent.set_epsilon(0.5)
+    collector = Collector(env, agent.policy, frames_per_batch=160, total_frames=480)
+    failures = torch.cat([batch["next", keys.FAILURE].flatten() for batch in collector])
+    collector.shutdown()
+    assert len(failures) == 480
+    assert set(failures.tolist()) <= {Failure.NONE, Failure.NO_LEGAL_MOVE}
 
 
 def test_same_seed_same_episodes():
@@ -77,9 +150,9 @@ def test_same_seed_same_episodes():
         env = make_env(wide_hand(3, 6), 16, 6)
         env.set_seed(seed)
         generator = torch.Generator().manual_seed(1)
-        shown, boards = env.reset(), []
+        observation, boards = env.reset(), []
         for _ in range(10):
-            step, shown = env.step_and_maybe_reset(random_legal(env, shown, generator))
+            step, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
             boards.append(step[keys.BOARD])
         return torch.stack(boards)
 
@@ -100,7 +173,7 @@ def test_batch_equals_rows_one_by_one():
     many = step(instances.batch(), *rows)
     for row in range(24):
         alone = step(instances.batch(slice(row, row + 1)), *rows[:, row : row + 1])
-        for key in (keys.BOARD, keys.PICK_MASK, keys.PLACE_MASK, keys.PICK_REWARD, keys.PLACE_REWARD, keys.FAILURE):
+        for key in (keys.BOARD, keys.PICK_MASK, keys.PICKABLE, keys.PICK_REWARD, keys.PLACE_REWARD, keys.FAILURE):
             assert torch.equal(alone[key][0], many[key][row]), (row, key)
 
 
@@ -143,24 +216,25 @@ def board_of(reach, *cells: int):
 def test_failures_and_rewards(pick, place, failure, pick_reward, place_reward, done):
     reach = wide_hand(3, 3)
     env = RearrangeEnv(reach, Given(Batch(board_of(reach, 1, 4), torch.tensor([7]))), 1, 8, REWARDS)
-    shown = env.reset().set(keys.PICK, torch.tensor([pick])).set(keys.PLACE, torch.tensor([place]))
-    after = env.step(shown)["next"]
+    observation = env.reset().set(keys.PICK, torch.tensor([pick])).set(keys.PLACE, torch.tensor([place]))
+    after = env.step(observation)["next"]
     assert Failure(int(after[keys.FAILURE])) is failure
     assert float(after[keys.PICK_REWARD]) == pick_reward
     assert float(after[keys.PLACE_REWARD]) == place_reward
     assert bool(after[keys.TERMINATED]) == done == bool(after[keys.DONE])
     if done:
-        assert torch.equal(after[keys.BOARD], shown[keys.BOARD]), "a refused move changes nothing"
+        assert torch.equal(after[keys.BOARD], observation[keys.BOARD]), "a refused move changes nothing"
 
 
 def test_lift_that_frees_the_target_pays_the_pick_and_solving_ends_the_episode():
     reach = wide_hand(3, 3)
     env = RearrangeEnv(reach, Given(Batch(board_of(reach, 4), torch.tensor([7]))), 1, 8, REWARDS)
-    shown = env.reset().set(keys.PICK, torch.tensor([4])).set(keys.PLACE, torch.tensor([3]))
-    after = env.step(shown)["next"]
+    # The lift frees the target; placed on cell 1, the obstacle blocks it again.
+    observation = env.reset().set(keys.PICK, torch.tensor([4])).set(keys.PLACE, torch.tensor([1]))
+    after = env.step(observation)["next"]
     assert float(after[keys.PICK_REWARD]) == 10.0
-    # Cell 3 is a column aside: with this hand the lane to the target is still blocked.
-    assert float(after[keys.PLACE_REWARD]) in (0.0, 10.0)
+    assert float(after[keys.PLACE_REWARD]) == 0.0
+    assert not bool(after[keys.TERMINATED])
     wide = wide_hand(3, 5)
     env = RearrangeEnv(wide, Given(Batch(board_of(wide, 7), torch.tensor([12]))), 1, 8, REWARDS)
     after = env.step(env.reset().set(keys.PICK, torch.tensor([7])).set(keys.PLACE, torch.tensor([5])))["next"]
@@ -182,9 +256,9 @@ def test_no_legal_move_left_ends_the_episode():
     """On one column each cell hides those behind it: an episode that shuffles to and fro runs out of boards."""
     reach = wide_hand(4, 1)
     env = RearrangeEnv(reach, Given(Batch(board_of(reach, 1, 2), torch.tensor([3]))), 1, 8, REWARDS)
-    shown = env.reset()
-    assert shown[keys.PICK_MASK][0].tolist() == [False, True, False, False]
-    after = env.step(shown.set(keys.PICK, torch.tensor([1])).set(keys.PLACE, torch.tensor([0])))["next"]
+    observation = env.reset()
+    assert observation[keys.PICK_MASK][0].tolist() == [False, True, False, False]
+    after = env.step(observation.set(keys.PICK, torch.tensor([1])).set(keys.PLACE, torch.tensor([0])))["next"]
     assert int(after[keys.FAILURE]) == Failure.NO_LEGAL_MOVE
     assert bool(after[keys.TERMINATED])
     assert float(after[keys.PLACE_REWARD]) == -1.0
@@ -193,18 +267,18 @@ def test_no_legal_move_left_ends_the_episode():
 def test_state_dict_goes_on_as_the_original():
     env, other = make_env(wide_hand(3, 6), 32, 6), make_env(wide_hand(3, 6), 32, 6, seed=9)
     generator = torch.Generator().manual_seed(0)
-    shown = env.reset()
+    observation = env.reset()
     for _ in range(4):
-        _, shown = env.step_and_maybe_reset(random_legal(env, shown, generator))
+        _, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
     other.load_state_dict(env.state_dict())
     again, seed = other.observation(), generator.get_state()
     for _ in range(4):
-        _, shown = env.step_and_maybe_reset(random_legal(env, shown, generator))
+        _, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
     generator.set_state(seed)
     for _ in range(4):
         _, again = other.step_and_maybe_reset(random_legal(other, again, generator))
-    assert torch.equal(shown[keys.BOARD], again[keys.BOARD])
-    assert torch.equal(shown[keys.VISITED], again[keys.VISITED])
+    assert torch.equal(observation[keys.BOARD], again[keys.BOARD])
+    assert torch.equal(observation[keys.VISITED], again[keys.VISITED])
 
 
 def test_a_set_gives_only_its_own_instances():
@@ -212,8 +286,8 @@ def test_a_set_gives_only_its_own_instances():
     instances = InstanceSet.generate(reach, 20, make_env(reach, 1, 6).source.difficulty, "train", 0)
     env = RearrangeEnv(reach, FixedInstances(instances, seed=0), 64, 8, REWARDS)
     known = set(zip(instances.board[:, 0].tolist(), instances.target.tolist(), strict=True))
-    shown = env.reset()
-    assert set(zip(shown[keys.BOARD][:, 0].tolist(), shown[keys.TARGET].tolist(), strict=True)) <= known
+    observation = env.reset()
+    assert set(zip(observation[keys.BOARD][:, 0].tolist(), observation[keys.TARGET].tolist(), strict=True)) <= known
 
 
 @pytest.mark.parametrize(

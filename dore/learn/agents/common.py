@@ -16,6 +16,7 @@ from dore.errors import InputError, flag, number, one_of
 from dore.learn import keys
 from dore.learn.features import Encoding, mirrored_board, mirrored_cell
 from dore.learn.q_loss import MaskMode, masked
+from dore.world.episode import Episodes
 from dore.world.reach import Reach
 
 
@@ -23,7 +24,7 @@ class Agent(Protocol):
     """What training and planning need of an agent, whichever structure it has."""
 
     policy: TensorDictModuleBase
-    """board, target, visited, (pick, mask) -> the actions; explores unless TorchRL's exploration is off."""
+    """The environment's observation -> the actions; explores unless TorchRL's exploration is off."""
     loss: LossModule
     """Losses of a decoded batch; holds the networks' parameters and their targets."""
     networks: torch.nn.ModuleDict
@@ -37,10 +38,11 @@ class Agent(Protocol):
     def set_epsilon(self, epsilon: float) -> None:
         """How often a head acts at random."""
 
-    def greedy(self, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor) -> tuple[Tensor, Tensor]:
-        """The (pick, place) cells that the policy chooses where it does not explore; see `dore.learn.rollout.Choose`.
+    def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
+        """The Int64[B] (pick, place) cells that the policy chooses where it does not explore.
 
-        Without a TensorDict in between, which is most of what a choice for one board takes."""
+        It builds no TensorDict, which would take most of the time of a choice for one board.
+        """
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""

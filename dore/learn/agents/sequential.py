@@ -17,6 +17,7 @@ from dore.learn.features import Encoding, encode, n_planes
 from dore.learn.losses import PICKED, Chain, FailedPick, SequentialLoss
 from dore.learn.networks import NetworkFactory
 from dore.learn.q_loss import MaskMode, masked
+from dore.world.episode import Episodes
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, going_back, lift, pickable, placeable
 
@@ -94,7 +95,9 @@ class Sequential:
             Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mode, device),
         ]
         before_pick = TensorDictModule(
-            self._see_pick, in_keys=[keys.BOARD, keys.TARGET, keys.PICK_MASK], out_keys=[_SEEN_PICK, keys.PICK_MASK]
+            self._see_pick,
+            in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.PICK_MASK],
+            out_keys=[_SEEN_PICK, keys.PICK_MASK],
         )
         before_place = TensorDictModule(
             self._see_place,
@@ -117,11 +120,12 @@ class Sequential:
         other._make_policy()
         return other
 
-    def greedy(self, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor) -> tuple[Tensor, Tensor]:
-        """The (pick, place) cells chosen where the policy does not explore; see `dore.learn.rollout.Choose`."""
-        seen, mask = self._see_pick(board, target, pick_mask)
+    def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
+        """The (pick, place) cells chosen where the policy does not explore; see `Agent.greedy`."""
+        board, target, legal = episodes.board, episodes.target, episodes.legal
+        seen, mask = self._see_pick(board, target, legal.pickable, legal.pick)
         pick = masked(self.networks["pick"](seen)[0], mask, self.mask_mode).argmax(-1)
-        seen, mask = self._see_place(board, target, visited, pick)
+        seen, mask = self._see_place(board, target, episodes.visited, pick)
         return pick, masked(self.networks["place"](seen)[0], mask, self.mask_mode).argmax(-1)
 
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
@@ -177,11 +181,10 @@ class Sequential:
         }
         return TensorDict({**entries, "opened": found.target}, batch_size=board.shape[:1])
 
-    def _see_pick(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
+    def _see_pick(self, board: Tensor, target: Tensor, in_reach: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """The pick network's observation [s, m_p], and what it may choose."""
-        mask = pickable(self.reach, board, target)
-        seen = encode(self.reach, board, target, mask, self.encoding)
-        return seen, never_empty(legal if self.mask_mode == "legal" else mask)
+        seen = encode(self.reach, board, target, in_reach, self.encoding)
+        return seen, never_empty(legal if self.mask_mode == "legal" else in_reach)
 
     def _see_place(self, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor) -> tuple[Tensor, Tensor]:
         """The place network's observation [s', m_l] after the lift, and what it may choose."""

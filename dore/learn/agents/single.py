@@ -14,8 +14,9 @@ from dore.learn.features import Encoding, encode, n_planes, slot_of, slots
 from dore.learn.losses import Heads, SingleLoss
 from dore.learn.networks import NetworkFactory
 from dore.learn.q_loss import MaskMode, masked
+from dore.world.episode import Episodes
 from dore.world.reach import Reach
-from dore.world.rules import legal_moves, legal_places, pickable
+from dore.world.rules import accessibility, legal_moves, legal_places
 
 _SEEN = ("pick", keys.OBSERVATION)
 _SLOT_CELLS = ("pick", "slot_cells")
@@ -71,7 +72,7 @@ class Single:
         ]
         before_pick = TensorDictModule(
             self._see_slots,
-            in_keys=[keys.BOARD, keys.TARGET, keys.PICK_MASK],
+            in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.PICK_MASK],
             out_keys=[_SEEN, _SLOT_CELLS, keys.SLOT_MASK],
         )
         before_place = TensorDictModule(
@@ -102,12 +103,13 @@ class Single:
         for greedy in self._greedy:
             greedy.set_epsilon(epsilon)
 
-    def greedy(self, board: Tensor, target: Tensor, visited: Tensor, pick_mask: Tensor) -> tuple[Tensor, Tensor]:
-        """The (pick, place) cells chosen where the policy does not explore; see `dore.learn.rollout.Choose`."""
-        seen, cells, slot_mask = self._see_slots(board, target, pick_mask)
+    def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
+        """The (pick, place) cells chosen where the policy does not explore; see `Agent.greedy`."""
+        board, target, legal = episodes.board, episodes.target, episodes.legal
+        seen, cells, slot_mask = self._see_slots(board, target, legal.pickable, legal.pick)
         of_slot, of_place = self.networks["pick_place"](seen)
         slot = masked(of_slot, slot_mask, self.mask_mode).argmax(-1)
-        pick, place_mask = self._take_slot(board, target, visited, cells, slot)
+        pick, place_mask = self._take_slot(board, target, episodes.visited, cells, slot)
         return pick, masked(of_place, place_mask, self.mask_mode).argmax(-1)
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
@@ -115,8 +117,7 @@ class Single:
 
         An obstacle past the last slot is valued as the last one."""
         slot = slot_of(board, pick, self.reach.n_cells).clamp_max(self.n_slots - 1)
-        legal = legal_moves(self.reach, board, target, board[:, None])
-        seen, _, _ = self._see(board, target, legal.pick)
+        seen = self._observe(board, target, accessibility(self.reach, board, target).pick)
         of_slot, of_place = self.networks["pick_place"](seen)
         values: Tensor = (of_slot.gather(1, slot[:, None]) + of_place) / 2
         return values
@@ -149,7 +150,8 @@ class Single:
     def _entry(self, board: Tensor, target: Tensor) -> TensorDict:
         """What the network sees of a board, and the masks of its two heads."""
         legal = legal_moves(self.reach, board, target, board[:, None])
-        seen, _, slot_mask = self._see(board, target, legal.pick)
+        seen = self._observe(board, target, legal.pickable)
+        _, slot_mask = self._slots(board, target, legal.pick)
         # Which pick a place goes with is not known here: a place counts that is open whatever is lifted.
         place_mask = legal.place if self.mask_mode == "legal" else torch.ones_like(legal.place)
         return TensorDict(
@@ -157,20 +159,24 @@ class Single:
             batch_size=board.shape[:1],
         )
 
-    def _see_slots(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """`_see`, with something to choose in every row."""
-        seen, cells, slot_mask = self._see(board, target, legal)
-        return seen, cells, never_empty(slot_mask)
+    def _see_slots(
+        self, board: Tensor, target: Tensor, in_reach: Tensor, legal: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """The observation, the cell of each slot, and which slots may be chosen: at least one in every row."""
+        cells, slot_mask = self._slots(board, target, legal)
+        return self._observe(board, target, in_reach), cells, never_empty(slot_mask)
 
-    def _see(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """The observation, the cell of each slot, and which slots may be chosen."""
-        mask = pickable(self.reach, board, target) if self.encoding != "state" else None
-        seen = encode(self.reach, board, target, mask, self.encoding)
+    def _observe(self, board: Tensor, target: Tensor, in_reach: Tensor) -> Tensor:
+        """Float[B, C, G]: the board, and m_p unless the encoding is the paper's."""
+        mask = None if self.encoding == "state" else in_reach
+        return encode(self.reach, board, target, mask, self.encoding)
+
+    def _slots(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
+        """Int64[B, Z]: the cell of each slot, and Bool[B, Z]: which slots may be chosen."""
         cells, there = slots(board, self.n_slots, self.reach.n_cells)
         # No obstacle ever stands on the target's cell, so an absent slot is a pick that fails.
         cells = torch.where(there, cells, target[:, None])
-        slot_mask = legal.gather(1, cells) if self.mask_mode == "legal" else torch.ones_like(there)
-        return seen, cells, slot_mask
+        return cells, legal.gather(1, cells) if self.mask_mode == "legal" else torch.ones_like(there)
 
     def _take_slot(
         self, board: Tensor, target: Tensor, visited: Tensor, cells: Tensor, slot: Tensor
