@@ -45,7 +45,7 @@ def test_the_clearance_is_the_hand_the_widest_object_and_the_margin(kinematics, 
     assert least <= reach.clearance_m < least + 0.001
 
 
-def test_allowed_lanes_are_exactly_those_that_the_arm_follows(surveyor):
+def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
     """Every cell and sector of 3 x 6: none is allowed that the arm cannot follow, and none forbidden that it can."""
     followed = torch.tensor(
         [
@@ -56,27 +56,27 @@ def test_allowed_lanes_are_exactly_those_that_the_arm_follows(surveyor):
     assert torch.equal(followed, surveyor.reach.lanes)
 
 
-def check_no_contact(surveyor: Surveyor, lanes: list[list[int]]) -> int:
-    """No allowed lane touches an object on a cell that the rule leaves; returns how many are touched elsewhere."""
-    found = survey(surveyor, lanes)
-    assert found.followed.sum() == len(lanes)
+def check_no_contact(surveyor: Surveyor, corridors: list[list[int]]) -> int:
+    """No allowed corridor touches an object on a cell that the rule leaves free; returns how many touch elsewhere."""
+    found = survey(surveyor, corridors)
+    assert found.followed.sum() == len(corridors)
     assert found.not_blocked.nonzero().tolist() == []
     return int(found.touched.sum())
 
 
-def test_free_lanes_touch_nothing_a_sample(surveyor):
+def test_free_corridors_touch_nothing_a_sample(surveyor):
     sample = [[cell, sector] for cell in range(LAYOUT.n_cells) for sector in range(cell % 7, 60, 12)]
     assert check_no_contact(surveyor, sample) > 100
 
 
 @pytest.mark.slow
-def test_free_lanes_touch_nothing_all(surveyor):
-    """Each of 1080 lanes with the widest object on each of the 17 other cells, empty and loaded."""
+def test_free_corridors_touch_nothing_all(surveyor):
+    """Each of 1080 corridors with the widest object on each of the 17 other cells, empty and loaded."""
     assert check_no_contact(surveyor, surveyor.reach.lanes.nonzero().tolist()) > 1500
 
 
 def test_a_clearance_too_small_is_found_out(surveyor):
-    """The survey itself: with 1 cm less, it names lanes on which an object would be touched."""
+    """The survey itself: with 1 cm less, it names corridors on which an object would be touched."""
     narrow = Surveyor(ARM, OBJECTS, LAYOUT)
     narrow.reach = Reach(LAYOUT, **{**surveyor.reach.to_dict(), "clearance_m": surveyor.reach.clearance_m - 0.01})
     found = survey(narrow, [[7, sector] for sector in range(60)])
@@ -110,7 +110,7 @@ def test_a_stricter_plan_and_other_sectors_are_no_difference(reach):
     assert corridor_differences(Reach(LAYOUT, 0.10, 30.0, 61), reach) is None
 
 
-def test_lanes_outside_the_arms_fan_and_limits_are_named(reach):
+def test_corridors_outside_the_arms_fan_and_limits_are_named(reach):
     words = corridor_differences(Reach(LAYOUT, 0.10, 40.0, 9), reach)
     assert words == "36 of its 162 corridors (cells 1-18) are not this arm's"
     strict = Reach(LAYOUT, **{**reach.to_dict(), "lateral_limit_m": 0.2})
@@ -119,7 +119,7 @@ def test_lanes_outside_the_arms_fan_and_limits_are_named(reach):
     assert "cells 1-2, 5-8, 11-18" in words
 
 
-def test_lanes_with_fewer_blocking_cells_are_named(reach):
+def test_corridors_with_fewer_blocking_cells_are_named(reach):
     words = corridor_differences(Reach(LAYOUT, 0.095, 30.0, 60), reach)
     assert words is not None
     assert words.endswith("of its 1080 corridors (cells 1-18) have fewer blocking cells than this arm needs empty")

@@ -71,7 +71,7 @@ def test_the_presets_hold_the_arms_numbers(place):
     assert dict(written.layout).items() <= place.layout.to_dict().items()
 
 
-def test_a_sample_of_allowed_lanes_is_followed_and_touches_nothing(place):
+def test_a_sample_of_allowed_corridors_is_followed_and_touches_nothing(place):
     surveyor = Surveyor(place.arm, place.objects, place.layout)
     lanes = surveyor.reach.lanes
     sample = [[cell, sector] for cell in range(len(lanes)) for sector in range(cell % 5, 60, 15) if lanes[cell, sector]]
@@ -88,7 +88,7 @@ def test_all_cells_are_within_reach_and_another_arms_plan_is_not(place, places):
     assert (corridor_differences(slim, reach) is None) == (place.arm.name == "panda_slim")
 
 
-def test_the_joints_change_little_along_a_lane(place):
+def test_the_joints_change_little_along_a_corridor(place):
     kinematics = ArmKinematics(arm_files(visuals=False, arm=place.arm), place.arm)
     ready = kinematics.ready(place.layout.front_m - place.arm.staging_m)
     for cell in (0, place.layout.n_cells - 1):
@@ -120,7 +120,7 @@ def test_a_short_plan_is_carried_out(name, places, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(PLANS))
-def test_allowed_lanes_are_exactly_those_that_the_arm_follows_and_touch_nothing(name, places):
+def test_allowed_corridors_are_exactly_those_that_the_arm_follows_and_touch_nothing(name, places):
     place = places[name]
     surveyor = Surveyor(place.arm, place.objects, place.layout)
     every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.lanes.shape)).tolist()

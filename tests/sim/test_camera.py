@@ -42,7 +42,7 @@ def make(backend: str, bodies: int, **options: Any) -> Any:
 
 @pytest.fixture(scope="module")
 def env() -> Iterator[Any]:
-    """One for all tests: a renderer compiles its shaders anew, for ten seconds, once no other is left."""
+    """One for all tests: the shaders are compiled again, for ten seconds, when no renderer is left."""
     made = make(render_backend(), 18, obs_mode="none", reward_mode="none")
     yield made
     made.close()

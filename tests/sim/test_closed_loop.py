@@ -153,7 +153,7 @@ def test_the_target_taken_out_of_the_hand_is_never_claimed(monkeypatch, tmp_path
 
 
 def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch, tmp_path):
-    """Out of the hand after the last motion: the fingers tell, and where they are not asked, the simulator does."""
+    """Out of the hand after the last motion: the fingers sense it; if they are not asked, the ground truth says so."""
 
     class Late(TrueCamera):
         def look(self):

@@ -1,4 +1,4 @@
-"""Frames are put together right, and films and stills appear whole or not at all; how they look, only eyes can tell."""
+"""Frames are put together right, and films and stills appear whole or not at all; how they look is not tested."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_what_has_happened_stays_and_the_newest_wins():
 
 
 def film(path: Path, moves: int, on: bool = True, fails: BaseException | None = None) -> FakeEnv:
-    """A film of so many moves of twenty steps, and a still of each."""
+    """A film of moves of twenty steps each, and a still of each."""
     env = FakeEnv()
     with Film(env, path, STEP_S, on) as video:
         for number in range(1, moves + 1):

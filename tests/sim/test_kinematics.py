@@ -130,3 +130,15 @@ def test_description_is_written_once_and_without_visuals_where_asked():
     assert "<visual>" not in file.read_text()
     assert "<visual>" in arm_files(visuals=True).read_text()
     assert file.with_suffix(".srdf").exists()
+
+
+def test_a_jump_to_another_branch_is_refused(kinematics, monkeypatch):
+    """Where neighbouring points of a line have joints far apart, the arm would swing."""
+    ready, solve = kinematics.ready(STAGING_X), kinematics.solve
+
+    def jumping(xyz: np.ndarray, *given: object) -> np.ndarray:
+        return solve(xyz, *given) + (LARGEST_STEP_RAD + 0.05) * (xyz[0] > 0.6)
+
+    monkeypatch.setattr(kinematics, "solve", jumping)
+    with pytest.raises(Unreachable, match=r"change its branch near \(0\.6\d+, 0\.000\)"):
+        kinematics.line(ready, np.array([0.7, 0.0, 0.1]), 0.0)

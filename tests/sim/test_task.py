@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import sapien
+import torch
 
 import dore.sim.scene.task  # noqa: F401  (registers the environment)
 from dore.errors import InputError
@@ -64,4 +65,22 @@ def test_success_needs_every_condition(body, xyz, lying, unmet):
     conditions = {name: bool(value[0]) for name, value in task.evaluate().items()}
     assert conditions.pop("success") == (unmet is None)
     assert [name for name, met in conditions.items() if not met] == ([unmet] if unmet else [])
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "grasped"),
+    [
+        ((0.0, 5.0, 0.0), (0.0, -5.0, 0.0), True),
+        ((0.0, 5.0, 0.0), (0.0, 5.0, 0.0), False),  # pushed from one side
+        ((0.0, 5.0, 0.0), (0.0, -0.1, 0.0), False),  # hardly touched from the other
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False),
+    ],
+)
+def test_a_grasp_presses_from_both_sides_against_each_other(monkeypatch, one, other, grasped):
+    env = setup().environment(LAYOUT, OBJECTS.draw(1, np.random.default_rng(0)), "none")
+    env.reset(options={"cells": [14]})
+    agent, forces = env.unwrapped.agent, iter([one, other])
+    monkeypatch.setattr(agent, "_press", lambda links, item: torch.tensor([next(forces)]))
+    assert bool(agent.is_grasping(env.unwrapped.objects[0])[0]) == grasped
     env.close()
