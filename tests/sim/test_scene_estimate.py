@@ -17,6 +17,7 @@ from tests.setups import LAYOUT
         ([(0, 0), (7, 0)], False),
         ([(0, 0.12), (8, 0)], False),  # the first one off the board, beside its cell
         ([(0, 0), (8, 0), (3, 0)], False),
+        ([(0, 0), (8, 0), (8, 0.02)], False),  # two on one cell
     ],
 )
 def test_confirmation_wants_every_obstacle_where_it_stood(cells_xy, fine):
