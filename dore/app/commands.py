@@ -13,12 +13,13 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, open_dict
 
 from dore.app import build, run_folder
-from dore.app.session import CURVE, Session, trainer_of
+from dore.app.session import CURVE, Session
+from dore.app.training import trainer_of
 from dore.draw.boards import draw_plan
 from dore.errors import InputError, path_of, seed_of
 from dore.files import locked
 from dore.learn.checkpoint import SHIPPED, load_checkpoint, load_model
-from dore.learn.trainer import Diverged, Ending, Trainer
+from dore.learn.trainer import Diverged, StopReason, Trainer
 from dore.memory import OutOfMemory
 from dore.planners.base import Planner
 from dore.report import tables
@@ -87,20 +88,20 @@ def _run(session: Session) -> int:
     folder = session.folder
     print(f"training in {folder}", flush=True)
     try:
-        ending = session.run()
+        reason = session.run()
     except Diverged as error:
         print(f"dore-train: {error}", file=sys.stderr)
         return FAILED
-    if ending is Ending.INTERRUPTED:
+    if reason is StopReason.INTERRUPTED:
         print(f"stopped; go on with: dore-train resume={folder}")
         return STOPPED
     progress = session.trainer.progress
     if not progress.updates:
-        print(f"{ending}: nothing was learned: {_before_the_first_update(session.trainer)}")
+        print(f"{reason}: nothing was learned: {_before_the_first_update(session.trainer)}")
         print(f"go on with: dore-train resume={folder} training.max_minutes=...")
         return OK
     success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
-    print(f"{ending}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
+    print(f"{reason}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
     print(f"model, {run_folder.METRICS} and {CURVE} are in {folder}")
     return OK
 
@@ -197,8 +198,8 @@ def _print_plan(found: Plan, target_id: int) -> None:
 def _before_the_first_update(trainer: Trainer) -> str:
     """How far a run is that has not made an update."""
     progress, budget = trainer.progress, trainer.budget
-    if progress.filled < budget.fill:
-        return f"the replay holds {progress.filled:,} of training.fill {budget.fill:,} transitions"
+    if progress.filled < trainer.to_fill:
+        return f"the replay holds {progress.filled:,} of training.fill {trainer.to_fill:,} transitions"
     return f"{progress.env_steps:,} steps were played, training.learning_starts is {budget.learning_starts:,}"
 
 

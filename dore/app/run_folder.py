@@ -24,12 +24,12 @@ from dore.files import atomic_write, commit, locked
 
 CONFIG, METRICS, CHECKPOINT, DONE = "config.yaml", "metrics.csv", "checkpoint.pt", "done.json"
 BUDGET = "budget"
-"""How a run has ended that a larger budget goes on with."""
+"""The stop reason of a run that a larger budget continues."""
 LEARNING = (
     *("layout", "reach", "instances", "agent", "network", "seed"),
     *("training", "ipt", "buffer", "env", "exploration", "optimizer", "target_update"),
 )
-"""The keys of a run's config that say what it learns."""
+"""The keys of a run's config that say what it learns, beside `worlds`, which runs of version 0.1 do not have."""
 SPENDING = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
 """Those that say for how long."""
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
@@ -117,9 +117,11 @@ def check_same(folder: Path, cfg: DictConfig) -> None:
     """
     given = OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True))  # By way of a file, as the run's own.
     was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(given))
-    for key, value in was.items():
-        if key.split(".")[0] in LEARNING and key not in SPENDING and now.get(key) != value:
-            raise InputError(f"run_dir: {folder} was started with {key}={value}, not {now.get(key)}")
+    added = [key for key in now if key.startswith("worlds.") and key not in was]
+    for key in (*was, *added):
+        learns = key.split(".")[0] in (*LEARNING, "worlds") and key not in SPENDING
+        if learns and now.get(key) != was.get(key):
+            raise InputError(f"run_dir: {folder} was started with {key}={was.get(key)}, not {now.get(key)}")
 
 
 def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,4 +1,4 @@
-"""A training run as a user sees it: progress bar, logs, checkpoints, the best model, and how to go on."""
+"""A training run as a user sees it: progress bar, logs, checkpoints, the best model, and how to resume."""
 
 from __future__ import annotations
 
@@ -12,20 +12,17 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from torchrl.record.loggers import Logger
 from tqdm import tqdm
 
-from dore.app.build import MODEL, reach_of, splits_of, use_threads
+from dore.app.build import MODEL
 from dore.app.run_folder import CHECKPOINT, METRICS, MetricsLog, mark_done
-from dore.configure import call, make
+from dore.configure import make
 from dore.draw.curves import draw_learning_curve
-from dore.errors import InputError, number, seed_of, whole
 from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, save_checkpoint, save_model
 from dore.learn.evaluator import TestResult
-from dore.learn.model import agent_of
-from dore.learn.trainer import Diverged, Ending, Progress, Trainer
+from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for
 
 COLUMNS = (
@@ -41,47 +38,18 @@ COLUMNS = (
     "target_success",
     "env_steps_per_s",
 )
+FIGURES = ("success", "rearrangements")
+"""What an IPT measures: of all worlds, and of each where there are several."""
 CURVE = "learning_curve.png"
-TELL_S = 30.0
+PRINT_S = 30.0
 """Seconds between two lines of progress where there is no terminal to draw a bar on."""
 
 
-def trainer_of(cfg: DictConfig) -> Trainer:
-    """A training run's parts; seeds torch's generator, which weights, exploration and sampling draw from."""
-    seed_of("seed", cfg.seed)
-    whole("log_every", cfg.log_every, 1)
-    number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
-    capacity = whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
-    for name in ("fill", "learning_starts"):
-        if whole(f"training.{name}", cfg.training[name], 0) > capacity:
-            raise InputError(
-                f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
-            )
-    if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
-        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
-    if (interval := cfg.target_update.get("value_network_update_interval")) is not None:
-        whole("target_update.value_network_update_interval", interval, 0)
-    use_threads(cfg.threads)
-    # Checked before the instances are drawn, which takes a minute where there are many.
-    budget, epsilon = make(cfg.training, "training"), make(cfg.exploration, "exploration")
-    reach = reach_of(cfg, cfg.device)
-    splits = splits_of(cfg, reach)
-    torch.manual_seed(cfg.seed)
-    agent = agent_of(cfg, reach)
-    source = splits.train(reach, cfg.seed)
-    with memory_for("env.num_envs", cfg.env.num_envs):
-        env = make(cfg.env, "env", reach=reach, source=source)
-    return Trainer(
-        env=env,
-        agent=agent,
-        buffer=make(cfg.buffer, "buffer"),
-        # The updater comes before the first loss: TorchRL warns otherwise.
-        targets=call(make(cfg.target_update, "target_update"), "target_update", agent.loss),
-        optimizer=call(make(cfg.optimizer, "optimizer"), "optimizer", agent.networks.parameters()),
-        epsilon=epsilon,
-        test=make(cfg.ipt, "ipt", instances=splits.validation(reach)),
-        budget=budget,
-    )
+def columns_of(trainer: Trainer) -> tuple[str, ...]:
+    """metrics.csv's columns: `COLUMNS`, and each world's success and moves where there are several."""
+    if len(trainer.worlds) == 1:
+        return COLUMNS
+    return (*COLUMNS, *(f"{figure}_{name}" for figure in FIGURES for name in trainer.worlds))
 
 
 class Session:
@@ -90,28 +58,29 @@ class Session:
     Args:
         folder: claimed, its config written.
         cfg: the run's config.
-        resumed: the trainer goes on from the folder's checkpoint.
+        resumed: the trainer was loaded from the folder's checkpoint.
     """
 
     def __init__(self, trainer: Trainer, folder: Path, cfg: DictConfig, resumed: bool) -> None:
         self.trainer, self.folder = trainer, folder
         self.log_every: int = cfg.log_every
+        self.capacity: int = cfg.buffer.storage.max_size
         self.checkpoint_s = 60 * cfg.checkpoint_minutes
         plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
         self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
         progress = trainer.progress
-        self.metrics = MetricsLog(folder / METRICS, COLUMNS, progress.iteration if resumed else None)
+        self.metrics = MetricsLog(folder / METRICS, columns_of(trainer), progress.iteration if resumed else None)
         self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
         # No bar in a log file, but a line now and then.
         self.bar = tqdm(
             total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05, disable=None
         )
-        self._told_at = time.perf_counter()
+        self._printed_at = time.perf_counter()
         self._stop = False
         self._saved_at = time.perf_counter()
         self._mark = (time.perf_counter(), progress.env_steps)
 
-    def run(self) -> Ending:
+    def run(self) -> StopReason:
         """Train to the end, or until asked to stop; leave a checkpoint either way.
 
         Raises:
@@ -119,7 +88,7 @@ class Session:
         """
         before = {number: signal.signal(number, self._ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
-            ending = self.trainer.run(self._report, lambda: self._stop)
+            reason = self.trainer.run(self._report, lambda: self._stop)
             self._save_checkpoint()
         except Diverged as error:
             checkpoint = self.folder / CHECKPOINT
@@ -129,27 +98,27 @@ class Session:
             for number_, handler in before.items():
                 signal.signal(number_, handler)
             self.bar.close()
-        self._conclude(ending)
+        self._conclude(reason)
         self.metrics.close()
         if self.trainer.progress.env_steps:
             draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
-        return ending
+        return reason
 
-    def _conclude(self, ending: Ending) -> None:
-        """Keep a model, the one that `training.keep` wants, and say how the run ended.
+    def _conclude(self, reason: StopReason) -> None:
+        """Keep a model, the one that `training.keep` asks for, and record how the run ended.
 
-        A budget's end is tested after the checkpoint is written: a larger budget goes on from it as if this test
-        had never been.
+        The model at the end of the budget is tested after the checkpoint is written: a run that is resumed with a
+        larger budget is the same as one that had it from the start.
         """
         progress = self.trainer.progress
-        if ending is Ending.BUDGET:
+        if reason is StopReason.BUDGET:
             tested = self.trainer.run_test()
             self._keep_best(tested)
             self._log(progress, tested)
         if self.trainer.budget.keep == "last" or not (self.folder / MODEL_NAME).exists():
             self._save_model(MODEL_NAME)
-        if ending is not Ending.INTERRUPTED:
-            mark_done(self.folder, {"ending": str(ending), **asdict(progress)})
+        if reason is not StopReason.INTERRUPTED:
+            mark_done(self.folder, {"ending": str(reason), **asdict(progress)})
 
     def _ask_to_stop(self, signum: int, frame: FrameType | None) -> None:
         """Stop after this iteration; a second signal stops at once."""
@@ -159,7 +128,7 @@ class Session:
 
     def _stop_at_once(self, signum: int, frame: FrameType | None) -> None:
         """Without a checkpoint: an exception here could break off a write, or surface as another one from torch."""
-        print(f"\nstopped at once; {self.folder} goes on from its last checkpoint, if it has one", file=sys.stderr)
+        print(f"\nstopped at once; {self.folder} can be resumed from its last checkpoint, if any", file=sys.stderr)
         os._exit(128 + signal.SIGINT)
 
     def _report(self, progress: Progress, tested: TestResult | None) -> None:
@@ -174,11 +143,11 @@ class Session:
             self._save_checkpoint()
 
     def _report_fill(self, progress: Progress) -> None:
-        how = f"filling the replay: {progress.filled:,} of {self.trainer.budget.fill:,} transitions"
+        how = f"filling the replay: {progress.filled:,} of {self.trainer.to_fill:,} transitions"
         self.bar.set_postfix_str(how)
-        if self.bar.disable and time.perf_counter() - self._told_at > TELL_S:
+        if self.bar.disable and time.perf_counter() - self._printed_at > PRINT_S:
             print(how, flush=True)
-            self._told_at = time.perf_counter()
+            self._printed_at = time.perf_counter()
 
     def _keep_best(self, tested: TestResult) -> None:
         """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
@@ -201,9 +170,12 @@ class Session:
             "loss": progress.loss if progress.updates else None,
             "success": tested.success if tested else None,
             "rearrangements": tested.rearrangements if tested else None,
-            "target_success": self.trainer.test.target_success,
+            "target_success": self.trainer.target_success,
             "env_steps_per_s": round(rate, 1),
         }
+        if tested is not None and len(tested.by_world) > 1:
+            for name, result in tested.by_world.items():
+                row.update({f"{figure}_{name}": getattr(result, figure) for figure in FIGURES})
         self.metrics.write(row)
         for logger in self.loggers.values():
             for name, value in row.items():
@@ -212,17 +184,17 @@ class Session:
         success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
         how = f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
         self.bar.set_postfix_str(how)
-        if self.bar.disable and now - self._told_at > TELL_S:
+        if self.bar.disable and now - self._printed_at > PRINT_S:
             print(f"{progress.episodes} episodes in {progress.seconds:.0f} s: {how}", flush=True)
-            self._told_at = now
+            self._printed_at = now
 
     def _save_checkpoint(self) -> None:
         self.trainer.check_weights()
-        with memory_for("buffer.storage.max_size", self.trainer.buffer.storage.max_size):
+        with memory_for("buffer.storage.max_size", self.capacity):
             save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
         if self.trainer.budget.keep == "last":
             self._save_model(MODEL_NAME)
         self._saved_at = time.perf_counter()
 
     def _save_model(self, name: str) -> None:
-        save_model(self.folder / name, self.trainer.averaged.weights(), self.model_config)
+        save_model(self.folder / name, self.trainer.learner.averaged.weights(), self.model_config)

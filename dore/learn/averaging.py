@@ -1,4 +1,4 @@
-"""The running mean of a network's weights, which acts better than the weights of any one update (not in the paper)."""
+"""The running mean of the weights, which acts better than the weights of any one update (not in the paper)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class AveragedWeights:
         self._mean = AveragedModel(networks, multi_avg_fn=approach)
 
     def step(self) -> None:
-        """Take in the weights as they are now."""
+        """Add the present weights to the mean."""
         if self._mean is not None:
             self._mean.update_parameters(self.networks)
 
@@ -61,7 +61,7 @@ class AveragedWeights:
 
     @contextmanager
     def acting(self) -> Iterator[None]:
-        """In the block the networks have the mean weights."""
+        """Inside the block the networks have the mean weights."""
         if self._mean is None:
             yield
             return
@@ -73,10 +73,10 @@ class AveragedWeights:
             self.networks.load_state_dict(own)
 
     def state_dict(self) -> dict[str, Any]:
-        """The mean, and how many updates it is of."""
+        """The mean, and the number of updates it covers."""
         return {} if self._mean is None else self._mean.state_dict()
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on as the mean whose `state_dict` this is; where there was none, a new one begins."""
-        if self._mean is not None and state:
+        """Continue as the mean whose `state_dict` this is."""
+        if self._mean is not None:
             self._mean.load_state_dict(state)

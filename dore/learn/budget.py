@@ -11,7 +11,7 @@ from dore.learn.averaging import decay_of
 Precision = Literal["float32", "bfloat16"]
 Keep = Literal["best", "last"]
 Unit = Literal["round", "step", "episode"]
-"""What is stored before the networks learn again: a step of all environments, a step of one, or a whole episode."""
+"""What is stored before the next updates: a step of all environments, a step of one, or a whole episode."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class LinearEpsilon:
         whole("exploration.anneal_steps", self.anneal_steps, 1)
 
     def __call__(self, env_steps: int) -> float:
-        """Epsilon after so many environment steps."""
+        """Epsilon after `env_steps` environment steps."""
         done = min(1.0, env_steps / self.anneal_steps)
         return self.start + done * (self.end - self.start)
 
@@ -41,17 +41,18 @@ class LinearEpsilon:
 class Budget:
     """When a run ends without passing, and how it learns on the way.
 
-    min_episodes: before so many no test ends the run: plans get shorter after success is high (paper: 0).
+    min_episodes: before these no test ends the run: plans get shorter after success is high (paper: 0).
     max_episodes: T_lim. max_minutes: of training, None for no limit.
     fill: transitions of uniformly random play that are stored before anything counts (Algorithm 2, line 1; Table 5's
-        replay start size).
-    learning_starts: transitions in the buffer before the first update.
+        replay start size), in each world.
+    learning_starts: transitions in a world's buffer before its first update.
     batch_size: transitions an update. update_after: see `Unit`. updates: made after each such unit.
     keep: the model that a run returns: that of the best IPT, or the last one (Algorithm 2, line 19).
-    max_grad_norm: gradients are scaled down to this norm; None: never (the paper says nothing of it).
-    averaging: decay of the mean of the weights that the IPT acts by and that is kept (`AveragedWeights`); None: the
+    max_grad_norm: gradients are scaled down to this norm; None: never (the paper does not mention it).
+    averaging: decay of the mean weights that the IPT acts by and that are kept (`AveragedWeights`); None: the
         weights as they are, as in the paper.
-    precision: what the networks multiply in while they learn; weights, errors and plans stay float32.
+    precision: of the networks' multiplications while they learn; weights, errors and plans stay float32.
+    lr_end: the share of the learning rate that is left when the budget is spent; it falls linearly (paper: 1).
 
     Raises:
         InputError: a number outside its domain, or no such precision.
@@ -69,6 +70,7 @@ class Budget:
     max_grad_norm: float | None
     averaging: float | None
     precision: Precision
+    lr_end: float = 1.0  # Run folders of version 0.1 do not name it.
 
     def __post_init__(self) -> None:
         for name in ("min_episodes", "fill"):
@@ -79,6 +81,7 @@ class Budget:
             if getattr(self, name) is not None:
                 number(f"training.{name}", getattr(self, name), above=0.0)
         decay_of(self.averaging)
+        number("training.lr_end", self.lr_end, above=0.0, at_most=1.0)
         one_of("training.update_after", self.update_after, Unit)
         one_of("training.keep", self.keep, Keep)
         one_of("training.precision", self.precision, Precision)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import torch
 
@@ -15,8 +16,9 @@ from dore.world.instances import InstanceSet
 class TestResult:
     """success: share of the instances solved, over all batches. passed: every batch reached S_T.
 
-    rearrangements: mean moves over the solved instances; None where none was solved. cost: over all, an instance that
-    is not solved counted as the step limit; the better of two models is the one with less.
+    rearrangements: mean moves over the solved instances; None where none was solved. cost: mean moves over all
+    instances, the step limit where one was not solved; the better of two models has the lower cost. by_world: the
+    results of which this is the mean.
     """
 
     __test__ = False
@@ -25,6 +27,20 @@ class TestResult:
     passed: bool
     rearrangements: float | None
     cost: float
+    by_world: Mapping[str, TestResult] = field(default_factory=dict)
+
+
+def mean_of(results: Mapping[str, TestResult]) -> TestResult:
+    """The mean over worlds, each counted alike; it passes where all of them pass."""
+    each = list(results.values())
+    moves = [result.rearrangements for result in each if result.rearrangements is not None]
+    return TestResult(
+        success=sum(result.success for result in each) / len(each),
+        passed=all(result.passed for result in each),
+        rearrangements=sum(moves) / len(moves) if moves else None,
+        cost=sum(result.cost for result in each) / len(each),
+        by_world=results,
+    )
 
 
 class PerformanceTest:

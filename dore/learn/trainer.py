@@ -1,38 +1,32 @@
-"""Algorithm 2: collect, store, learn, test, until five IPT batches pass or the budget is spent."""
+"""Algorithm 2: play, store, learn, test, until an IPT passes or the budget is spent."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
-from torch import nn
-from torchrl.data import ReplayBuffer
-from torchrl.objectives.utils import HardUpdate, TargetNetUpdater
 
-from dore.learn.agents.common import Agent
-from dore.learn.averaging import AveragedWeights
 from dore.learn.budget import Budget, LinearEpsilon
-from dore.learn.env import RearrangeEnv
-from dore.learn.evaluator import PerformanceTest, TestResult
-from dore.learn.player import Burst, Player, burst_of, burst_state
-from dore.learn.replay import buffer_state, draw_in_order, load_buffer, restore
+from dore.learn.evaluator import TestResult, mean_of
+from dore.learn.learner import Learner
+from dore.learn.player import Burst
+from dore.learn.worlds import World
 from dore.memory import memory_for
 
-DECODED_AT_ONCE = 8192
-"""Transitions, of which each takes some kilobytes once it is decoded."""
+MAIN = "main"
+"""The name of a run's first world, and of its only one where it has no other."""
 
 
 class Diverged(RuntimeError):
-    """The loss is no longer finite: names the step, the loss and the last good checkpoint."""
+    """The loss or a weight is no longer finite: names the step, the loss and the last good checkpoint."""
 
 
-class Ending(StrEnum):
+class StopReason(StrEnum):
     """Why a training run stopped."""
 
     PASSED = "passed"
@@ -40,13 +34,16 @@ class Ending(StrEnum):
     BUDGET = "budget"
     """Episodes or minutes are spent."""
     INTERRUPTED = "interrupted"
-    """Asked to stop; the checkpoint goes on from here."""
+    """Asked to stop; the run can be resumed from its checkpoint."""
 
 
 @dataclass
 class Progress:
-    """Where a run is. filled: transitions stored before the first episode. success, rearrangements: of the last IPT;
-    best: of the best one; loss: of the last updates."""
+    """Where a run is, over all of its worlds.
+
+    filled: transitions stored before the first episode. success, rearrangements: of the last IPT; best: of the best
+    one; loss: of the last updates.
+    """
 
     iteration: int = 0
     filled: int = 0
@@ -67,150 +64,98 @@ Report = Callable[[Progress, TestResult | None], None]
 
 
 class Trainer:
-    """A training run's parts and its loop."""
+    """One learner, the worlds that it learns from in turn, and the loop.
 
-    def __init__(
-        self,
-        env: RearrangeEnv,
-        agent: Agent,
-        buffer: ReplayBuffer,
-        optimizer: torch.optim.Optimizer,
-        targets: TargetNetUpdater,
-        epsilon: LinearEpsilon,
-        test: PerformanceTest,
-        budget: Budget,
-    ) -> None:
-        self.env, self.agent, self.buffer = env, agent, buffer
-        self.optimizer, self.targets = optimizer, targets
-        self.epsilon, self.test, self.budget = epsilon, test, budget
-        self.averaged = AveragedWeights(agent.networks, budget.averaging)
-        self.player = Player(env, agent, budget.update_after)
+    Args:
+        learner: makes the updates.
+        worlds: by name, at least one; all have the same IPT settings. The steps and episodes of all count alike.
+        epsilon: the schedule of exploration, over the steps of all worlds.
+        budget: see `Budget`; the worlds and the learner have the same one.
+    """
+
+    def __init__(self, learner: Learner, worlds: Mapping[str, World], epsilon: LinearEpsilon, budget: Budget) -> None:
+        self.learner, self.worlds, self.epsilon, self.budget = learner, dict(worlds), epsilon, budget
+        self._turns = list(self.worlds.values())
+        evaluator = self._turns[0].evaluator
+        self.test_every, self.target_success = evaluator.every_episodes, evaluator.target_success
         self.progress = Progress()
-        self._left: Burst | None = None
 
-    def run(self, report: Report, stop: Callable[[], bool]) -> Ending:
-        """Train until the IPT passes, the budget is spent, or `stop` says so.
+    def run(self, report: Report, stop: Callable[[], bool]) -> StopReason:
+        """Train until the IPT passes, the budget is spent, or `stop` returns true.
 
         Raises:
             Diverged: the loss is NaN or infinite.
         """
         progress, before = self.progress, time.perf_counter() - self.progress.seconds
         while not self.spent():
-            tests_before = progress.episodes // self.test.every_episodes
+            tests_before = progress.episodes // self.test_every
             self.iterate()
             progress.seconds = time.perf_counter() - before
             # Before the first update there is nothing to test.
-            due = progress.updates > 0 and progress.episodes // self.test.every_episodes > tests_before
+            due = progress.updates > 0 and progress.episodes // self.test_every > tests_before
             tested = self.run_test() if due else None
             report(progress, tested)
             if tested is not None and tested.passed and progress.episodes >= self.budget.min_episodes:
-                return Ending.PASSED
+                return StopReason.PASSED
             if stop() and not self.spent():
-                return Ending.INTERRUPTED
-        return Ending.BUDGET
+                return StopReason.INTERRUPTED
+        return StopReason.BUDGET
+
+    @property
+    def to_fill(self) -> int:
+        """How many transitions all replays are filled with before anything counts."""
+        return self.budget.fill * len(self.worlds)
 
     def iterate(self) -> None:
-        """One step of every environment, and the updates after it; while the replay is filled, only the step."""
+        """One world's turn: a step of all its environments, and the updates due unless it fills its replay."""
         progress = self.progress
-        if not progress.iteration:
-            self.player.reset()
+        world = self._turns[progress.iteration % len(self._turns)]
         progress.iteration += 1
-        if progress.filled < self.budget.fill:
-            self._fill()
+        if world.filling:
+            progress.filled += world.fill()
             return
-        if progress.filled and not progress.env_steps:
-            self.player.reset()  # What filled the replay was played before the first episode.
-        burst = self._left or self._play()
-        burst, left = burst.split(burst.until(self._next_stop() - progress.episodes))
-        self._left = left if len(left.stored) else None
+        if not world.has_left:
+            progress.epsilon = self.epsilon(progress.env_steps)
+        self.learner.set_rate(self._share_spent())
+        burst = world.play(progress.epsilon, self._next_stop() - progress.episodes)
+        progress.env_steps = sum(one.env_steps for one in self._turns)
         if len(burst.stored):
-            self._learn(burst)
+            self._learn(world, burst)
             progress.episodes += int(burst.episodes[-1])
 
     def run_test(self) -> TestResult:
-        """An IPT of the greedy policy, by the mean of the weights where one is kept."""
-        with self.averaged.acting():
-            tested = self.test.run(self.agent.greedy)
+        """An IPT of the greedy policy in every world, with the mean weights where they are kept; the mean of all."""
+        with self.learner.averaged.acting():
+            tested = mean_of({name: world.test() for name, world in self.worlds.items()})
         self.progress.success, self.progress.rearrangements = tested.success, tested.rearrangements
         return tested
 
     def spent(self) -> bool:
         """Whether the episodes or minutes are used up."""
-        minutes = self.budget.max_minutes
-        out_of_time = minutes is not None and self.progress.seconds >= 60 * minutes
-        return out_of_time or self.progress.episodes >= self.budget.max_episodes
+        return self._share_spent() >= 1.0
 
-    def _fill(self) -> None:
-        """Store uniformly random play, which counts for nothing (Algorithm 2, line 1)."""
-        with memory_for("env.num_envs", self.env.batch_size[0]):
-            rows = self.player.play(epsilon=1.0).rows[: self.budget.fill - self.progress.filled]
-        if len(rows):
-            self._store(rows)
-        self.progress.filled += len(rows)
-
-    def _play(self) -> Burst:
-        """One step of every environment."""
-        progress = self.progress
-        progress.epsilon = self.epsilon(progress.env_steps)
-        with memory_for("env.num_envs", self.env.batch_size[0]):
-            burst = self.player.play(progress.epsilon)
-        progress.env_steps += self.env.batch_size[0]
-        return burst
+    def _share_spent(self) -> float:
+        """The share of the episodes or of the minutes that is used up, whichever is more, at most 1."""
+        shares = [self.progress.episodes / self.budget.max_episodes]
+        if self.budget.max_minutes is not None:
+            shares.append(self.progress.seconds / (60 * self.budget.max_minutes))
+        return min(1.0, max(shares))
 
     def _next_stop(self) -> int:
         """The number of episodes at which the next IPT is due, or at which the budget is spent."""
-        every = self.test.every_episodes
-        return min((self.progress.episodes // every + 1) * every, self.budget.max_episodes)
+        return min((self.progress.episodes // self.test_every + 1) * self.test_every, self.budget.max_episodes)
 
-    def _store(self, rows: TensorDictBase) -> None:
-        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
-            self.buffer.extend(rows)
-
-    def _learn(self, burst: Burst) -> None:
+    def _learn(self, world: World, burst: Burst) -> None:
         """Store a burst, and make the updates that are due after each of its units."""
         budget = self.budget
-        n = budget.batch_size * budget.updates
         with memory_for("training.batch_size", f"{budget.batch_size} x training.updates {budget.updates}"):
-            # Drawn and decoded all at once: both are costly in small batches.
-            if budget.update_after == "round":
-                self._store(burst.rows)
-                sample = self.buffer.sample(n) if len(self.buffer) >= budget.learning_starts else None
-            else:
-                late = burst.stored[len(self.buffer) + burst.stored >= budget.learning_starts]
-                sample = draw_in_order(self.buffer, burst.rows, late, n) if len(late) else None
-                self._store(burst.rows)
-            losses = [] if sample is None else self._updates(sample)
+            sample = world.draw(burst)
+            losses = [] if sample is None else self.learner.learn(sample, world.agent.decode)
         if losses:
             self.progress.updates += len(losses)
             self.progress.loss = float(torch.stack(losses).mean())
             if not math.isfinite(self.progress.loss):
                 raise self._diverged("the loss is")
-
-    def _updates(self, sample: TensorDictBase) -> list[torch.Tensor]:
-        """One update for each batch of a sample; their losses."""
-        size = self.budget.batch_size
-        losses: list[torch.Tensor] = []
-        for rows in sample.split(max(1, DECODED_AT_ONCE // size) * size):
-            decoded, first = self.agent.decode(restore(rows)), 0
-            while first < len(decoded):
-                batches = decoded[first : first + size * self._updates_to_next_copy()]
-                if len(batches) > size:
-                    with self._autocast():
-                        batches = self.agent.loss.with_targets(batches)
-                losses += [self._update(batch) for batch in batches.split(size)]
-                first += len(batches)
-        return losses
-
-    def _autocast(self) -> torch.autocast:
-        """What the networks multiply in while they learn."""
-        return torch.autocast(self.env.reach.device.type, torch.bfloat16, enabled=self.budget.precision == "bfloat16")
-
-    def _updates_to_next_copy(self) -> int:
-        """How many updates have the same targets, if they are worked out ahead."""
-        if self.agent.loss.double or not isinstance(self.targets, HardUpdate):
-            return 1
-        # TorchRL copies once every this-many-plus-one updates.
-        return int(self.targets.value_network_update_interval - self.targets.counter) + 1
 
     def _diverged(self, what: str) -> Diverged:
         progress = self.progress
@@ -219,56 +164,41 @@ class Trainer:
             f"({progress.env_steps} env steps); try a lower optimizer.lr"
         )
 
-    def _update(self, batch: TensorDictBase) -> torch.Tensor:
-        with self._autocast():
-            loss = self.agent.loss(batch)
-        total = loss["loss_pick"] + loss["loss_place"]
-        self.optimizer.zero_grad(set_to_none=True)
-        total.backward()
-        if self.budget.max_grad_norm is not None:
-            nn.utils.clip_grad_norm_(self.agent.networks.parameters(), self.budget.max_grad_norm)
-        self.optimizer.step()
-        self.targets.step()
-        self.averaged.step()
-        return total.detach()
-
     def check_weights(self) -> None:
-        """What is to be kept can be gone on with: an update may spoil the weights after its loss was fine.
+        """Check that the weights are worth saving.
 
         Raises:
             Diverged: a weight is NaN or infinite.
         """
-        if not all(bool(weight.isfinite().all()) for weight in self.agent.networks.parameters()):
+        if not self.learner.finite():
             raise self._diverged("a weight is no longer finite, with a loss of")
 
     def state_dict(self) -> dict[str, Any]:
         """Named parts: all that the next iteration depends on."""
         return {
             "progress": asdict(self.progress),
-            "loss": self.agent.loss.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "targets": self.targets.state_dict(),
-            "averaged": self.averaged.state_dict(),
-            "buffer": buffer_state(self.buffer),
-            "player": self.player.state_dict(),
-            "left": None if self._left is None else burst_state(self._left),
-            "ipt_generator": self.test.generator.get_state(),
+            "learner": self.learner.state_dict(),
+            "worlds": {name: world.state_dict() for name, world in self.worlds.items()},
             "rng": torch.get_rng_state(),
             "cuda_rng": torch.cuda.get_rng_state_all() if torch.cuda.is_available() else [],
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on as the trainer whose `state_dict` this is."""
+        """Continue as the trainer whose `state_dict` this is."""
+        state = _with_worlds(state)
         self.progress = Progress(**state["progress"])
-        self.agent.loss.load_state_dict(state["loss"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self.targets.load_state_dict(state["targets"])
-        self.averaged.load_state_dict(state["averaged"])
-        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
-            load_buffer(self.buffer, state["buffer"])
-        self.player.load_state_dict(state["player"])
-        self._left = None if state["left"] is None else burst_of(state["left"])
-        self.test.generator.set_state(state["ipt_generator"])
+        self.learner.load_state_dict(state["learner"])
+        for name, world in self.worlds.items():
+            world.load_state_dict(state["worlds"][name])
         torch.set_rng_state(state["rng"])
         if state["cuda_rng"] and torch.cuda.is_available():
             torch.cuda.set_rng_state_all(state["cuda_rng"])
+
+
+def _with_worlds(state: dict[str, Any]) -> dict[str, Any]:
+    """The parts of a checkpoint, also of one from before a run could have several worlds."""
+    if "worlds" in state:
+        return state
+    progress = state["progress"]
+    counts = {"filled": progress["filled"], "env_steps": progress["env_steps"], "steps": progress["iteration"]}
+    return {**state, "learner": state, "worlds": {MAIN: {**state, **counts}}}

@@ -13,8 +13,10 @@ from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget, LinearEpsilon
 from dore.learn.env import RearrangeEnv, Rewards
 from dore.learn.evaluator import PerformanceTest
+from dore.learn.learner import Learner
 from dore.learn.rollout import Rollout, greedy_rollout
-from dore.learn.trainer import Ending, Trainer
+from dore.learn.trainer import MAIN, StopReason, Trainer
+from dore.learn.worlds import World
 from dore.planners.base import Draft, checked_plans
 from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.instance_memory import InstanceMemory, Returning
@@ -118,10 +120,10 @@ class Transfer:
             torch.manual_seed(self.seed)
             agent = self.base.copy_of_agent()
             trainer = self._trainer(agent, memory)
-            ending = trainer.run(lambda progress, tested: None, stop=memory.exhausted)
+            stopped = trainer.run(lambda progress, tested: None, stop=memory.exhausted)
         rollout: Rollout = greedy_rollout(agent.greedy, self.reach, instance.batch(), self.max_moves)
         seconds, steps = spent_s + time.perf_counter() - began, trainer.progress.env_steps
-        if ending is Ending.INTERRUPTED:
+        if stopped is StopReason.INTERRUPTED:
             return _refusal(memory, seconds)._replace(expansions=steps)
         draft = draft_of(rollout, 0, seconds)
         learned = f"after {trainer.progress.episodes} episodes"
@@ -130,17 +132,14 @@ class Transfer:
 
     def _trainer(self, agent: Agent, memory: InstanceMemory) -> Trainer:
         rewards = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
-        return Trainer(
-            env=RearrangeEnv(self.reach, Returning(memory, self.seed), NUM_ENVS, self.max_moves, rewards),
-            agent=agent,
-            buffer=memory,
-            # Starts the targets from the base weights too.
-            targets=SoftUpdate(agent.loss, tau=0.1),
-            optimizer=torch.optim.Adam(agent.networks.parameters(), lr=self.lr),
-            epsilon=self.epsilon,
-            test=PerformanceTest(memory.instance, 1, 1, 1.0, TEST_EVERY, self.max_moves, self.seed),
-            budget=self.budget,
-        )
+        env = RearrangeEnv(self.reach, Returning(memory, self.seed), NUM_ENVS, self.max_moves, rewards)
+        evaluator = PerformanceTest(memory.instance, 1, 1, 1.0, TEST_EVERY, self.max_moves, self.seed)
+        # Starts the targets from the base weights too.
+        targets = SoftUpdate(agent.loss, tau=0.1)
+        optimizer = torch.optim.Adam(agent.networks.parameters(), lr=self.lr)
+        learner = Learner(agent, optimizer, targets, self.budget)
+        world = World(env, agent, memory, evaluator, self.budget)
+        return Trainer(learner, {MAIN: world}, self.epsilon, self.budget)
 
 
 def _refusal(memory: InstanceMemory, seconds: float) -> Draft:

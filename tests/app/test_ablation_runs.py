@@ -9,7 +9,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from dore.app.run_folder import LEARNING, leaves
-from dore.app.session import trainer_of
+from dore.app.training import trainer_of
 from dore.files import conf_dir
 from dore.report.runs import Job, jobs_of
 from tests.report.fakes import study

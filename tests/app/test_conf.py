@@ -13,9 +13,10 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from dore.app import build
-from dore.app.session import trainer_of
+from dore.app.training import trainer_of
 from dore.configure import make
 from dore.files import conf_dir
+from dore.learn.trainer import MAIN
 
 ROOT = Path(__file__).parents[2]
 GROUPS = ("layout", "reach", "instances", "env", "network", "agent", "buffer", "exploration", "optimizer", "column")
@@ -42,7 +43,7 @@ def test_every_option_trains(option):
     more = ["layout=8x8"] if option == "instances=z3-13" else []
     trainer = trainer_of(compose("train", [option, *more, *SMALL]))
     trainer.iterate()
-    assert trainer.progress.env_steps == trainer.env.batch_size[0]
+    assert trainer.progress.env_steps == trainer.worlds[MAIN].env.batch_size[0]
 
 
 @pytest.mark.parametrize("experiment", options("experiment"))

@@ -18,7 +18,7 @@ from dore.app import run_folder, sweep, sweep_job
 from dore.app.cli import short_name
 from dore.errors import InputError
 from dore.files import locked
-from dore.learn.trainer import Ending
+from dore.learn.trainer import StopReason
 from tests.commands import TINY, run
 
 SERIAL = "hydra/launcher=basic"
@@ -234,7 +234,7 @@ def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
 
 
 def test_the_budgets_ending_is_known_without_torch():
-    assert run_folder.BUDGET == Ending.BUDGET
+    assert run_folder.BUDGET == StopReason.BUDGET
 
 
 def needs(plugin: str) -> pytest.MarkDecorator:

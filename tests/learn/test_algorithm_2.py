@@ -13,7 +13,7 @@ from tensordict import TensorDict
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement
 
 from dore.app import session
-from dore.app.session import trainer_of
+from dore.app.training import trainer_of
 from dore.errors import InputError
 from dore.files import conf_dir
 from dore.learn import keys
@@ -21,7 +21,7 @@ from dore.learn.checkpoint import BEST_NAME, load_checkpoint, load_model
 from dore.learn.losses import PICKED
 from dore.learn.player import Burst, Player
 from dore.learn.replay import draw_in_order, restore
-from dore.learn.trainer import Trainer
+from dore.learn.trainer import MAIN, Trainer
 from dore.world.rules import lift, retrievable
 from tests.commands import TINY, run
 from tests.drawings import wide_hand
@@ -97,10 +97,10 @@ def test_an_episode_is_handed_over_whole_when_it_has_ended(num_envs):
 def one_after_the_other(trainer: Trainer, burst: Burst) -> None:
     """Algorithm 2, lines 3-5, a line at a time: store an episode, draw, learn, and the next."""
     for k in range(len(burst.stored)):
-        trainer.buffer.extend(burst.split(k)[1].split(1)[0].rows)
-        age = (torch.rand(1, trainer.budget.batch_size, dtype=torch.float64) * len(trainer.buffer)).long()
-        sample = trainer.buffer[len(trainer.buffer) - 1 - age.flatten()]
-        trainer._update(trainer.agent.decode(restore(sample)))
+        trainer.worlds[MAIN].buffer.extend(burst.split(k)[1].split(1)[0].rows)
+        age = (torch.rand(1, trainer.budget.batch_size, dtype=torch.float64) * len(trainer.worlds[MAIN].buffer)).long()
+        sample = trainer.worlds[MAIN].buffer[len(trainer.worlds[MAIN].buffer) - 1 - age.flatten()]
+        trainer.learner.update(trainer.learner.agent.decode(restore(sample)))
 
 
 @pytest.mark.parametrize(
@@ -120,46 +120,48 @@ def test_many_environments_store_and_learn_in_the_order_of_one(paper, num_envs, 
     trainer, by_the_book = literal(*options), literal(*options)
     learned: list[tuple[torch.Tensor, Burst]] = []
     learn = trainer._learn
-    monkeypatch.setattr(trainer, "_learn", lambda burst: (learned.append((torch.get_rng_state(), burst)), learn(burst)))
+    monkeypatch.setattr(
+        trainer, "_learn", lambda world, burst: (learned.append((torch.get_rng_state(), burst)), learn(world, burst))
+    )
     while trainer.progress.filled < 50:
         trainer.iterate()
-    by_the_book.buffer.extend(trainer.buffer[:])
+    by_the_book.worlds[MAIN].buffer.extend(trainer.worlds[MAIN].buffer[:])
     while not trainer.spent():
         trainer.iterate()
     for state, burst in learned:
         torch.set_rng_state(state)
         one_after_the_other(by_the_book, burst)
-    assert len(trainer.buffer) == len(by_the_book.buffer)
+    assert len(trainer.worlds[MAIN].buffer) == len(by_the_book.worlds[MAIN].buffer)
     assert all(torch.equal(a, b) for a, b in zip(*(rows_of(one) for one in (trainer, by_the_book)), strict=True))
-    weights = [one.agent.networks.state_dict() for one in (trainer, by_the_book)]
+    weights = [one.learner.agent.networks.state_dict() for one in (trainer, by_the_book)]
     for name, value in weights[0].items():
         torch.testing.assert_close(value, weights[1][name], rtol=1e-4, atol=1e-5)
 
 
 def rows_of(trainer: Trainer) -> list[torch.Tensor]:
-    return [value for _, value in sorted(trainer.buffer[:].flatten_keys(".").items())]
+    return [value for _, value in sorted(trainer.worlds[MAIN].buffer[:].flatten_keys(".").items())]
 
 
 @pytest.mark.parametrize("unit", ["episode", "step"])
 def test_the_fill_counts_for_nothing_and_each_unit_has_its_update(unit):
     trainer = literal("sequential", f"training.update_after={unit}", "env.num_envs=5")
     resets: list[int] = []
-    reset = trainer.player.reset
-    trainer.player.reset = lambda: (resets.append(trainer.progress.filled), reset())[1]
+    reset = trainer.worlds[MAIN].player.reset
+    trainer.worlds[MAIN].player.reset = lambda: (resets.append(trainer.progress.filled), reset())[1]
     while trainer.progress.filled < 50:
         trainer.iterate()
-        assert trainer.agent._greedy[0].explore.eps.item() == 1.0
+        assert trainer.learner.agent._greedy[0].explore.eps.item() == 1.0
     progress = trainer.progress
     assert (progress.filled, progress.env_steps, progress.episodes, progress.updates) == (50, 0, 0, 0)
-    assert len(trainer.buffer) == 50
+    assert len(trainer.worlds[MAIN].buffer) == 50
     trainer.iterate()
     assert resets == [0, 50], "the first episode that counts is a new one"
-    assert set(trainer.player._length.tolist()) <= {0, 1}
+    assert set(trainer.worlds[MAIN].player._length.tolist()) <= {0, 1}
     assert progress.epsilon == trainer.epsilon.start, "epsilon falls over what is played after the fill"
     while not trainer.spent():
         trainer.iterate()
     assert progress.episodes == 60, "not one more than T_lim"
-    stored = len(trainer.buffer) - 50
+    stored = len(trainer.worlds[MAIN].buffer) - 50
     assert progress.updates == (60 if unit == "episode" else stored)
     assert stored > 60
 
@@ -182,7 +184,7 @@ def test_the_last_model_is_returned_and_the_best_lies_beside_it(tmp_path):
     folder = tmp_path / "run"
     assert run("train", ["experiment=paper/sequential", *LITERAL, "ipt.every_episodes=5", f"run_dir={folder}"]) == 0
     last, _ = load_model(folder)
-    networks = load_checkpoint(folder / "checkpoint.pt")["loss"]
+    networks = load_checkpoint(folder / "checkpoint.pt")["learner"]["loss"]
     assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
     best, _ = load_model(folder / BEST_NAME)
     assert best.keys() == last.keys()
@@ -244,7 +246,7 @@ def test_a_killed_run_leaves_the_last_model_of_its_checkpoint(tmp_path, monkeypa
     monkeypatch.setattr(session.Session, "_conclude", lambda self, ending: None)
     assert run("train", ["experiment=paper/sequential", *LITERAL, f"run_dir={tmp_path / 'run'}"]) == 0
     last, _ = load_model(tmp_path / "run")
-    networks = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
+    networks = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["loss"]
     assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
 
 
@@ -276,10 +278,10 @@ def test_updates_begin_when_the_buffer_holds_enough():
     trainer = literal("sequential", "training.fill=0", "training.learning_starts=20", "training.update_after=step")
     first = None
     while not trainer.spent() and first is None:
-        held = len(trainer.buffer)
+        held = len(trainer.worlds[MAIN].buffer)
         trainer.iterate()
         if trainer.progress.updates:
-            first = held + trainer.env.batch_size[0] - trainer.progress.updates + 1
+            first = held + trainer.worlds[MAIN].env.batch_size[0] - trainer.progress.updates + 1
     assert first == 20
 
 

@@ -65,7 +65,7 @@ def test_a_run_keeps_the_mean_in_float32(tmp_path, precision):
     assert all(torch.equal(weights[0][name], weights[1][name]) for name in weights[0]), "same seed, same run"
     assert all(value.dtype is torch.float32 for value in weights[0].values())
     parts = load_checkpoint(tmp_path / "a" / "checkpoint.pt")
-    assert int(parts["averaged"]["n_averaged"]) > 1
+    assert int(parts["learner"]["averaged"]["n_averaged"]) > 1
 
 
 def test_the_model_is_the_mean_and_not_the_last_weights(tmp_path):
@@ -75,15 +75,7 @@ def test_the_model_is_the_mean_and_not_the_last_weights(tmp_path):
     weights, _ = load_model(tmp_path / "run")
     parts = load_checkpoint(tmp_path / "run" / "checkpoint.pt")
     for name, value in weights.items():
-        assert torch.equal(parts["averaged"][f"module.{name}"], value), name
+        assert torch.equal(parts["learner"]["averaged"][f"module.{name}"], value), name
     head, _, rest = next(iter(weights)).partition(".")
-    last = parts["loss"][f"{head}_params.module.{rest}"]
+    last = parts["learner"]["loss"][f"{head}_params.module.{rest}"]
     assert not torch.equal(last, weights[f"{head}.{rest}"])
-
-
-def test_a_mean_may_begin_when_a_run_goes_on(tmp_path):
-    assert (
-        run("train", [*TINY, "training.averaging=null", "training.max_episodes=60", f"run_dir={tmp_path / 'run'}"]) == 0
-    )
-    assert run("train", [f"resume={tmp_path / 'run'}", "training.max_episodes=150", "training.averaging=0.9"]) == 0
-    assert int(load_checkpoint(tmp_path / "run" / "checkpoint.pt")["averaged"]["n_averaged"]) > 1

@@ -1,8 +1,7 @@
-"""One agent on every layout, and what trains the model that ships."""
+"""One agent on every layout, and the model that ships."""
 
 from __future__ import annotations
 
-import json
 from functools import partial
 
 import pytest
@@ -10,13 +9,11 @@ import torch
 
 from dore.errors import InputError
 from dore.learn.agents.sequential import Sequential
-from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.networks import CellNet
 from dore.learn.rollout import greedy_rollout
 from dore.planners.learned import Learned
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.rules import placeable
-from scripts import train_shipped
 from tests.drawings import wide_hand
 from tests.worlds import make_agent
 
@@ -79,29 +76,3 @@ def test_the_shipped_model_serves_a_layout_it_never_saw():
     batch = FreshInstances(reach, Difficulty(3, 8), "test", 0).draw(100)
     plans = Learned(reach, None, 16).plan(batch)
     assert sum(plan.status == "solved" for plan in plans) >= 95
-
-
-def test_training_writes_weights_and_a_card(tmp_path, monkeypatch):
-    out = tmp_path / "model.safetensors"
-    monkeypatch.setattr(train_shipped, "WORLDS", train_shipped.WORLDS[2:4])
-    small = ["instances.validation_size=20", "ipt.batch_size=20", "env.num_envs=8", "training.learning_starts=8"]
-    more = ["instances.max_obstacles=5", "network.width=8", "training.batch_size=8"]
-    assert train_shipped.main(["--minutes", "0.02", "--out", str(out), *small, *more]) == 0
-    weights, config = load_model(out)
-    assert config["network"]["width"] == 8
-    assert any("pick" in name for name in weights)
-    card = json.loads(out.with_suffix(".json").read_text())
-    assert {"commit", "seed", "tests"} <= card.keys()
-    shipped = json.loads(SHIPPED.with_suffix(".json").read_text())
-    assert shipped.keys() == card.keys()
-    assert {*card["tests"][-1]} - {*train_shipped.WORLDS} == {"seconds", "updates", "mean_cost"}
-    assert {*card["tests"][-1]} < {*shipped["tests"][-1]}, "the card of an older script"
-
-
-def test_training_refuses_in_one_line(tmp_path, capsys):
-    for words, says in ((["--minutes", "0"], "--minutes: got 0.0"), (["layout=none"], "layout")):
-        assert train_shipped.main(["--out", str(tmp_path / "m.safetensors"), *words]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith("train_shipped: ")
-        assert says in line
-    assert not list(tmp_path.iterdir())

@@ -17,6 +17,7 @@ from dore.app import session
 from dore.errors import InputError
 from dore.learn.budget import Budget, LinearEpsilon
 from dore.learn.checkpoint import load_checkpoint, load_model
+from dore.learn.learner import Learner
 from dore.learn.trainer import Diverged
 from tests.commands import TINY, run
 
@@ -46,7 +47,7 @@ def test_same_seed_same_run_and_another_seed_another(tmp_path, agent):
         assert run("train", [*TINY, f"agent={agent}", f"seed={seed}", f"run_dir={tmp_path / name}"]) == 0
     checkpoints = [load_checkpoint(tmp_path / name / "checkpoint.pt") for name in "abc"]
     assert same(checkpoints[0], checkpoints[1])
-    assert not same(checkpoints[0]["loss"], checkpoints[2]["loss"])
+    assert not same(checkpoints[0]["learner"]["loss"], checkpoints[2]["learner"]["loss"])
     assert metrics(tmp_path / "a") == metrics(tmp_path / "b")
 
 
@@ -194,7 +195,7 @@ def test_a_run_leaves_its_files(tmp_path):
 
 
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(session.Trainer, "_update", lambda self, batch: torch.tensor(float("nan")))
+    monkeypatch.setattr(Learner, "update", lambda self, batch: torch.tensor(float("nan")))
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "the loss is nan" in said
@@ -203,20 +204,20 @@ def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
 
 def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
     """An update may spoil the weights after its loss was fine."""
-    update = session.Trainer._update
+    update = Learner.update
 
     def spoilt(self, batch):
         loss = update(self, batch)
-        if self.progress.updates > 40:
+        if int(self.averaged.state_dict()["n_averaged"]) > 40:
             next(self.agent.networks.parameters()).data.fill_(float("inf"))
         return loss
 
-    monkeypatch.setattr(session.Trainer, "_update", spoilt)
+    monkeypatch.setattr(Learner, "update", spoilt)
     monkeypatch.setattr(session.Trainer, "_diverged", lambda self, what: Diverged(what))
     assert run("train", [*TINY, "training.updates=1", "checkpoint_minutes=1e-9", f"run_dir={tmp_path / 'run'}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "a weight is no longer finite" in said
-    kept = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["loss"]
+    kept = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["loss"]
     assert all(bool(value.isfinite().all()) for value in kept.values())
 
 
@@ -224,7 +225,7 @@ def test_a_batch_that_does_not_fit_names_its_key(tmp_path, capsys, monkeypatch):
     def full(self, batch):
         raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 MiB.")
 
-    monkeypatch.setattr(session.Trainer, "_update", full)
+    monkeypatch.setattr(Learner, "update", full)
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said == "dore-train: training.batch_size: 8 x training.updates 2 takes more memory than there is, want less"

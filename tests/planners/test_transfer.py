@@ -7,6 +7,7 @@ import torch
 
 from dore.errors import InputError
 from dore.learn import keys
+from dore.learn.trainer import MAIN
 from dore.planners.bounds import LOCKED
 from dore.planners.exact import Exact
 from dore.planners.instance_memory import InstanceMemory, Returning
@@ -127,10 +128,10 @@ def test_the_memory_pieces_a_way_together(failed):
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         trainer = planner._trainer(planner.base.copy_of_agent(), memory)
-        trainer.player.reset()
+        trainer.worlds[MAIN].player.reset()
         while memory.way is None:
             assert not memory.exhausted()
-            memory.extend(trainer.player.play(trainer.epsilon(0)).rows)
+            memory.extend(trainer.worlds[MAIN].player.play(trainer.epsilon(0)).rows)
     way = memory[memory.way]
     boards = [tuple(words) for words in way[keys.BOARD].tolist()]
     following = [tuple(words) for words in way["next", keys.BOARD].tolist()]

@@ -1,0 +1,112 @@
+"""From a composed config to a trainer. Everything is built, and so checked, before long work starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from omegaconf import DictConfig
+
+from dore.app.build import WORLD, reach_of, splits_of, use_threads
+from dore.configure import call, make
+from dore.errors import InputError, number, seed_of, whole
+from dore.learn.agents.common import Agent
+from dore.learn.budget import Budget
+from dore.learn.learner import Learner
+from dore.learn.model import agent_of
+from dore.learn.trainer import MAIN, Trainer
+from dore.learn.worlds import World
+from dore.memory import memory_for
+from dore.world.instances import InstanceSplits
+from dore.world.reach import Reach
+
+
+def trainer_of(cfg: DictConfig) -> Trainer:
+    """A training run's parts; seeds torch's generator, which weights, exploration and sampling draw from.
+
+    Raises:
+        InputError: what the config gives does not fit together.
+    """
+    _check_numbers(cfg)
+    use_threads(cfg.threads)
+    # Checked before the instances are drawn, which takes a minute where there are many.
+    budget: Budget = make(cfg.training, "training")
+    epsilon = make(cfg.exploration, "exploration")
+    settings = {MAIN: _ground_of(cfg, cfg.device)}
+    for name, node in (cfg.get("worlds") or {}).items():
+        settings[str(name)] = _further_ground(str(name), node, cfg.device)
+    torch.manual_seed(cfg.seed)
+    agent = agent_of(cfg, settings[MAIN][0])
+    learner = Learner(
+        agent=agent,
+        # The updater comes before the first loss: TorchRL warns otherwise.
+        targets=call(make(cfg.target_update, "target_update"), "target_update", agent.loss),
+        optimizer=call(make(cfg.optimizer, "optimizer"), "optimizer", agent.networks.parameters()),
+        budget=budget,
+    )
+    worlds = {
+        name: _world_of(cfg, agent if name == MAIN else _on(agent, name, reach), reach, splits, budget)
+        for name, (reach, splits) in settings.items()
+    }
+    return Trainer(learner, worlds, epsilon, budget)
+
+
+def _check_numbers(cfg: DictConfig) -> None:
+    """Raise InputError for numbers that are wrong or do not fit together."""
+    seed_of("seed", cfg.seed)
+    whole("log_every", cfg.log_every, 1)
+    number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
+    capacity = whole("buffer.storage.max_size", cfg.buffer.storage.max_size, 1)
+    for name in ("fill", "learning_starts"):
+        if whole(f"training.{name}", cfg.training[name], 0) > capacity:
+            raise InputError(
+                f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
+            )
+    if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
+        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
+    if (interval := cfg.target_update.get("value_network_update_interval")) is not None:
+        whole("target_update.value_network_update_interval", interval, 0)
+
+
+def _ground_of(config: Mapping[str, Any], device: str) -> tuple[Reach, InstanceSplits]:
+    """The reach and the instance splits of a world."""
+    reach = reach_of(config, device)
+    return reach, splits_of(config, reach)
+
+
+def _further_ground(name: str, node: Any, device: str) -> tuple[Reach, InstanceSplits]:
+    """That of a further world; an error names it."""
+    try:
+        if name == MAIN:
+            raise InputError(f"{MAIN} is the name of the world that layout, reach and instances give, want another")
+        if not isinstance(node, Mapping) or set(node) != set(WORLD):
+            given = ", ".join(map(str, node)) if isinstance(node, Mapping) else repr(node)
+            raise InputError(f"got {given}, want {', '.join(WORLD)}")
+        return _ground_of(node, device)
+    except InputError as error:
+        raise InputError(f"worlds.{name}: {error}") from None
+
+
+def _on(agent: Agent, name: str, reach: Reach) -> Agent:
+    """The learner's agent, with the same weights, on a further world's reach.
+
+    Raises:
+        InputError: its networks serve one layout only, or it learns from mirror images and the layout has none.
+    """
+    on = getattr(agent, "on", None)
+    if on is None or not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
+        raise InputError("worlds: only agent=sequential network=cells serves several layouts; want these, or no worlds")
+    if getattr(agent, "symmetry", False) and reach.mirror is None:
+        raise InputError(f"worlds.{name}: its layout has no mirror image, want agent.symmetry=false")
+    moved: Agent = on(reach)
+    return moved
+
+
+def _world_of(cfg: DictConfig, agent: Agent, reach: Reach, splits: InstanceSplits, budget: Budget) -> World:
+    """One world of the run."""
+    source = splits.train(reach, cfg.seed)
+    with memory_for("env.num_envs", cfg.env.num_envs):
+        env = make(cfg.env, "env", reach=reach, source=source)
+    evaluator = make(cfg.ipt, "ipt", instances=splits.validation(reach))
+    return World(env, agent, make(cfg.buffer, "buffer"), evaluator, budget)

@@ -1,0 +1,120 @@
+"""What a learner learns from: an environment with its player, a replay and an evaluator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tensordict import TensorDictBase
+from torchrl.data import ReplayBuffer
+
+from dore.learn.agents.common import Agent
+from dore.learn.budget import Budget
+from dore.learn.env import RearrangeEnv
+from dore.learn.evaluator import PerformanceTest, TestResult
+from dore.learn.player import Burst, Player, burst_of, burst_state
+from dore.learn.replay import buffer_state, check_uniform, draw_in_order, load_buffer, restore
+from dore.memory import memory_for
+
+
+class World:
+    """A layout under a reach, with instances to learn from and others to be tested on.
+
+    Args:
+        env: plays the training instances.
+        agent: the learner's, on this world's reach.
+        buffer: the replay, which samples uniformly.
+        evaluator: tests on the validation instances.
+        budget: how much is stored and drawn, and when.
+
+    Raises:
+        InputError: a buffer that does not sample uniformly.
+    """
+
+    def __init__(
+        self, env: RearrangeEnv, agent: Agent, buffer: ReplayBuffer, evaluator: PerformanceTest, budget: Budget
+    ) -> None:
+        check_uniform(buffer)
+        self.env, self.agent, self.buffer, self.evaluator, self.budget = env, agent, buffer, evaluator, budget
+        self.player = Player(env, agent, budget.update_after)
+        self.filled = self.env_steps = self._steps = 0
+        self._left: Burst | None = None
+
+    @property
+    def filling(self) -> bool:
+        """Whether the replay is still to be filled before anything counts."""
+        return self.filled < self.budget.fill
+
+    @property
+    def has_left(self) -> bool:
+        """Whether units were played that wait for their updates."""
+        return self._left is not None
+
+    def fill(self) -> int:
+        """Store a step of uniformly random play (Algorithm 2, line 1); how many transitions that were."""
+        rows = self._step(epsilon=1.0).rows[: self.budget.fill - self.filled]
+        if len(rows):
+            self._store(rows)
+        self.filled += len(rows)
+        return len(rows)
+
+    def play(self, epsilon: float, n_episodes: int) -> Burst:
+        """A step of every environment, or what an earlier one has left, until `n_episodes` have ended at most."""
+        burst = self._left
+        if burst is None:
+            if self.filled and not self.env_steps:
+                self.player.reset()  # What filled the replay was played before the first episode.
+            burst = self._step(epsilon)
+            self.env_steps += self.env.batch_size[0]
+        burst, left = burst.split(burst.until(n_episodes))
+        self._left = left if len(left.stored) else None
+        return burst
+
+    def draw(self, burst: Burst) -> TensorDictBase | None:
+        """Store a burst; the transitions of all updates that are due, None while too few are stored."""
+        budget, buffer = self.budget, self.buffer
+        n = budget.batch_size * budget.updates
+        # Drawn all at once, which is costly in small batches.
+        if budget.update_after == "round":
+            self._store(burst.rows)
+            sample = buffer.sample(n) if len(buffer) >= budget.learning_starts else None
+        else:
+            late = burst.stored[len(buffer) + burst.stored >= budget.learning_starts]
+            sample = draw_in_order(buffer, burst.rows, late, n) if len(late) else None
+            self._store(burst.rows)
+        return None if sample is None else restore(sample)
+
+    def test(self) -> TestResult:
+        """An IPT of the greedy policy."""
+        return self.evaluator.run(self.agent.greedy)
+
+    def _step(self, epsilon: float) -> Burst:
+        if not self._steps:
+            self.player.reset()
+        self._steps += 1
+        with memory_for("env.num_envs", self.env.batch_size[0]):
+            return self.player.play(epsilon)
+
+    def _store(self, rows: TensorDictBase) -> None:
+        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
+            self.buffer.extend(rows)
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that the next step depends on, but for the weights and the random state."""
+        return {
+            "filled": self.filled,
+            "env_steps": self.env_steps,
+            "steps": self._steps,
+            "buffer": buffer_state(self.buffer),
+            "player": self.player.state_dict(),
+            "left": None if self._left is None else burst_state(self._left),
+            "ipt_generator": self.evaluator.generator.get_state(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue as the world whose `state_dict` this is."""
+        self.filled, self.env_steps, self._steps = state["filled"], state["env_steps"], state["steps"]
+        with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
+            load_buffer(self.buffer, state["buffer"])
+        self.player.load_state_dict(state["player"])
+        self._left = None if state["left"] is None else burst_of(state["left"])
+        self.evaluator.generator.set_state(state["ipt_generator"])
