@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The main job, end to end: train, evaluate, plan, draw, execute. Arguments are overrides of the training:
+# Everything, end to end: train, evaluate, plan, draw, execute. Arguments are overrides of the training:
 #   scripts/demo.sh training.max_minutes=0.5
 # BIN: where the commands are; LIMIT: how many test instances are evaluated; OUT: where everything goes.
 set -euo pipefail
@@ -11,9 +11,9 @@ out=${OUT:-outputs/demo}
 SECONDS=0
 
 if [ -e "$out" ]; then
-    # Only what a demo has made is removed.
-    [ -f "$out/train/config.yaml" ] || { echo "demo.sh: $out is no demo's folder, want another OUT" >&2; exit 2; }
-    echo "== the demo's last run in $out is replaced"
+    # Only the folder of a demo is removed.
+    [ -f "$out/train/config.yaml" ] || { echo "demo.sh: OUT: $out exists and is not the folder of a demo, want another" >&2; exit 2; }
+    echo "== replacing the last demo in $out"
     rm -rf "$out"
 fi
 

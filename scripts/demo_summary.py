@@ -1,4 +1,4 @@
-"""The demo's closing table: what was trained, evaluated, planned and executed, and where it lies.
+"""The closing table of the demo: what was trained, evaluated, planned and executed, and where the files are.
 
 python scripts/demo_summary.py outputs/demo SECONDS
 """
@@ -21,18 +21,19 @@ def main(out: Path, seconds: str) -> None:
     lines = []
     ipt = f"IPT {100 * trained['success']:.1f} % after {trained['episodes']} episodes, {trained['seconds']:.0f} s"
     lines.append(["train", ipt])
-    for one in summarise(read_rows(out / "evaluate" / "rows.csv")):
-        share, moves = one.success, one.moves
+    for summary in summarise(read_rows(out / "evaluate" / "rows.csv")):
+        success, moves = summary.success, summary.moves
         lines.append(
             [
-                one.planner,
-                f"{100 * share.value:.1f} % of {one.instances} solved [{100 * share.low:.1f}, {100 * share.high:.1f}], "
-                f"{moves.value:.2f} rearrangements, p50 {one.planning_p50_ms:.1f} ms",
+                summary.planner,
+                f"{100 * success.value:.1f} % of {summary.instances} solved "
+                f"[{100 * success.low:.1f}, {100 * success.high:.1f}], "
+                f"{moves.value:.2f} rearrangements, p50 {summary.planning_p50_ms:.1f} ms",
             ]
         )
     lines.append(["plan", f"{plan['status']}, {len(plan['moves'])} moves in {1000 * plan['planning_s']:.1f} ms"])
     lines.append(["execute", executed["message"]])
-    lines.append(["in all", f"{seconds} s"])
+    lines.append(["total", f"{seconds} s"])
     for name, result in lines:
         print(f"{name:<15}{result}")
     print()

@@ -1,4 +1,4 @@
-"""A film as an animated picture for a web page: every second frame, smaller.
+"""Convert a film to an animated picture for a web page: every second frame, smaller.
 
 scripts/film_to_webp.py outputs/fig7/execution.mp4 docs/images/arm.webp
 """
@@ -12,11 +12,13 @@ from PIL import Image
 
 from dore.files import atomic_write
 
-EVERY, QUALITY, LAST_MS = 2, 60, 2500
+EVERY, QUALITY = 2, 60
+LAST_MS = 2500
+"""How long the last frame is shown."""
 
 
 def main() -> None:
-    """Read the film, write the picture; the last frame stays longer."""
+    """Read the film and write the picture."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("film", help="an mp4, as dore-execute makes it")
     parser.add_argument("picture", help="the webp")
@@ -27,9 +29,11 @@ def main() -> None:
         frames = [Image.fromarray(frame) for index, frame in enumerate(reader) if index % EVERY == 0]
     size = (options.width, round(frames[0].height * options.width / frames[0].width))
     first, *others = [frame.resize(size, Image.Resampling.LANCZOS) for frame in frames]
-    shown_ms = [round(1000 * EVERY / rate)] * len(others) + [LAST_MS]
+    durations_ms = [round(1000 * EVERY / rate)] * len(others) + [LAST_MS]
     with atomic_write(options.picture, "wb") as file:
-        first.save(file, format="webp", save_all=True, append_images=others, duration=shown_ms, loop=0, quality=QUALITY)
+        first.save(
+            file, format="webp", save_all=True, append_images=others, duration=durations_ms, loop=0, quality=QUALITY
+        )
 
 
 if __name__ == "__main__":

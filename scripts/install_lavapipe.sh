@@ -1,10 +1,10 @@
 #!/bin/sh
-# Installs a software Vulkan driver (lavapipe), so that dore-execute makes pictures without a GPU.
+# Installs a software Vulkan driver (lavapipe), so that cameras and films work without a GPU.
 #
 # Debian 12, as root:   scripts/install_lavapipe.sh
 #
 # SAPIEN needs Mesa 24.3 or newer (VK_KHR_external_semaphore_fd); Debian 12 has it in its backports. They are
-# taken from the mirror that this machine already uses, so this script names no host. Running it twice is harmless.
+# taken from the mirror that this machine already uses. Running it twice is harmless.
 set -eu
 
 sources=${APT_SOURCES_FILE:-/etc/apt/sources.list.d/debian.sources}
@@ -20,7 +20,7 @@ if ! grep -qs "^VERSION_CODENAME=$release" /etc/os-release; then
     exit 2
 fi
 if [ ! -r "$sources" ]; then
-    echo "install_lavapipe.sh: $sources is not there; set APT_SOURCES_FILE to this machine's deb822 file" >&2
+    echo "install_lavapipe.sh: no $sources; set APT_SOURCES_FILE to this machine's deb822 file" >&2
     exit 2
 fi
 
