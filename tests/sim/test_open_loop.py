@@ -67,7 +67,7 @@ def test_fig7_report_says_what_each_move_did(fig7):
         assert move["tilt_deg"] < 2.0
         assert 2.0 < move["simulated_s"] < 30.0
     assert all(move["placement_error_mm"] < 3.0 for move in fig7["moves"][:3])
-    assert fig7["pictures"] == "not asked for"
+    assert fig7["pictures"] == "no film asked for"
 
 
 def test_same_seed_same_execution(tmp_path):

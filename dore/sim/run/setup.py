@@ -99,5 +99,5 @@ class Setup:
         """The render backend to use, and what to say of the film. needed: render even without a film."""
         backend = render_backend() if self.film or needed else "none"
         if not self.film:
-            return backend, "not asked for"
+            return backend, "no film asked for"
         return backend, NO_PICTURES if backend == "none" else VIDEO_NAME
