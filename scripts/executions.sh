@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # docs/results/execution.{md,csv}: 300 scenes carried out open loop; 102 by the camera alone, 102 with one disturbance
-# each (an object moved, a grasp that slips, a stranger's object, in turn), 102 with objects up to 1 cm off the middles
+# each (an object moved, a grasp that slips, an intruder's object, in turn), 102 with objects up to 1 cm off the middles
 # of their cells and turned by any angle. The closed loops need a Vulkan driver.
 # What is done is skipped. BIN: where python is. OUT: where the runs go. RUNS: scenes a number of obstacles.
 set -euo pipefail

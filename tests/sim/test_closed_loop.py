@@ -255,3 +255,19 @@ def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(tmp_pat
     with pytest.raises(InputError, match="disturbance: puts in 1 more, and the scene has 0 cells left"):
         execute(loop_with(IntruderObject(1), full), SETUP, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("disturbance", [Nothing(), SlippingGrasp(at_grasp=1)])
+def test_the_arm_is_parked_before_each_look(monkeypatch, tmp_path, disturbance):
+    """Where it hides nothing: at the middle of the staging line, but for the last look, when it holds the target."""
+    at: list[list[float]] = []
+
+    class Watched(TrueCamera):
+        def look(self):
+            at.append(self.env.unwrapped.agent.tcp_pos[0].tolist())
+            return super().look()
+
+    assert carry_out(monkeypatch, tmp_path, loop_with(disturbance, sensor=Watched)).success
+    assert len(at) >= 3
+    staging = [LAYOUT.front_m - SETUP.arm.staging_m, 0.0, SETUP.arm.grasp_height_m]
+    assert np.allclose(at[:-1], staging, atol=0.01)

@@ -182,6 +182,16 @@ def test_what_is_put_down_elsewhere_is_misplaced(tmp_path, monkeypatch):
     assert len(report.moves) == 1
 
 
+def test_a_fault_ends_the_loop_and_a_dropped_object_has_no_placement_error(tmp_path, monkeypatch):
+    monkeypatch.setattr(PrivilegedState, "still_held", lambda self, body: Outcome.DROPPED)
+    report = execute(FIG7_PLAN, setup(), tmp_path)
+    assert [(move.outcome, move.placement_error_mm) for move in report.moves] == [(Outcome.DROPPED, None)]
+    assert [event["event"] for event in report.events] == ["fault"]
+    assert report.message == "move 1 (16 to 18): dropped"
+    assert not report.refused
+    assert not report.success
+
+
 def test_a_turned_cuboid_is_put_down_in_the_middle_of_its_cell(tmp_path):
     """The jaws turn it by 34 degrees and shift it; the arm sees that and makes up for it."""
     plan = plan_of(Move(14, 16, 30.0, 0.0), Move(16, 15, -20.0, 30.0), scene=Scene(LAYOUT, (14,), 0))

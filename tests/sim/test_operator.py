@@ -74,3 +74,31 @@ def test_feedback_returns_what_it_sees_and_leaves_what_was_known():
     assert seen.standing[0].yaw_rad == pytest.approx(0.4, abs=1e-4)
     assert seen.cell_of == known.cell_of
     env.close()
+
+
+def test_after_a_fault_in_the_grid_the_hand_leaves_the_way_it_came():
+    """The object is taken out of the hand while it is put into its cell."""
+    scene, bodies = Scene(LAYOUT, obstacles=(2,), target=12), OBJECTS.draw(2, np.random.default_rng(0))
+    env = setup().environment(LAYOUT, bodies, "none")
+    env.reset(options={"cells": [12, 2]})
+    task, way = env.unwrapped, []
+
+    def take() -> None:
+        x = float(task.agent.tcp_pos[0, 0])
+        carried = bool(task.positions()[0, 1, 2] > bodies[1].height_m / 2 + 0.02)
+        if carried and x < LAYOUT.front_m and not way:
+            way.append("before the grid")
+        if carried and x > LAYOUT.front_m + 0.1 and way:
+            way.append("in the grid")
+            task.objects[1].set_pose(sapien.Pose(p=[0.56, 0.30, 0.076]))
+
+    rehearsal = Rehearsal(LAYOUT, setup().kinematics, bodies, CONTROL_S)
+    operator = Operator(env, PrivilegedState(task), take)
+    move = tasks_of(scene, plan_of(Move(2, 8, 0.0, 0.0), scene=scene).plan)[0]
+    outcome, _ = operator.run(rehearsal, rehearsal.start(scene), move)
+    assert (outcome, way) == (Outcome.DROPPED, ["before the grid", "in the grid"])
+    assert float(task.agent.tcp_pos[0, 0]) > LAYOUT.front_m + 0.1
+    operator.recover()
+    assert float(task.agent.tcp_pos[0, 0]) < LAYOUT.front_m
+    assert float(task.agent.opening()[0]) > 0.95
+    env.close()

@@ -26,7 +26,7 @@ class Disturbance(Protocol):
     """Objects that wait beside the table at the start."""
 
     def between_moves(self, world: DoreTabletopEnv, moves: int, rng: np.random.Generator) -> str | None:
-        """Called with the arm parked, `moves` moves after the start; returns what was done, if anything."""
+        """Called once before each move, with the arm parked, `moves` moves after the start; returns what was done."""
 
     def grip(self, world: DoreTabletopEnv, command: float) -> float:
         """The gripper command that is carried out in place of the given one: 1 opens, -1 closes."""
@@ -64,7 +64,6 @@ class ObjectMoved(Nothing):
         obstacles = {body: cell for body, cell in _cells(world).items() if body != 0}
         if moves != self.after_moves or not obstacles:
             return None
-        self.after_moves = -1
         body = int(rng.choice(list(obstacles)))
         to = _put(world, body, rng)
         return f"the object on cell {cell_id(obstacles[body])} is moved to cell {cell_id(to)}"
@@ -89,7 +88,6 @@ class IntruderObject(Nothing):
         """Once."""
         if moves != self.after_moves:
             return None
-        self.after_moves = -1
         return f"another object is put on cell {cell_id(_put(world, len(world.bodies) - 1, rng))}"
 
 
