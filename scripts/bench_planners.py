@@ -24,7 +24,7 @@ from tqdm import tqdm
 from dore.app import build
 from dore.errors import InputError, seed_of, whole
 from dore.files import atomic_write, commit, conf_dir
-from dore.planners.label import label
+from dore.planners.base import label
 from dore.report.tables import Table, as_markdown
 from dore.world.files import read_scene
 from dore.world.generator import Difficulty

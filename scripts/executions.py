@@ -25,7 +25,7 @@ from dore.app.execute import closed_loop_of, open_loop_of, setup_of
 from dore.configure import make
 from dore.errors import InputError, whole
 from dore.files import atomic_write, conf_dir
-from dore.planners.label import label
+from dore.planners.base import label
 from dore.sim.run.execution import execute
 from dore.sim.run.setup import REPORT_NAME
 from dore.sim.scene.agent import render_backend

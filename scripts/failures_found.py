@@ -10,7 +10,7 @@ import torch
 
 from dore.app import build
 from dore.errors import InputError
-from dore.learn.lane_features import lane_costs
+from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
 from dore.world.board import bit
 from dore.world.instances import InstanceSet, problems_of
@@ -28,7 +28,7 @@ PROOF_S = 10.0
 class Mistake:
     """The network's first move after which no plan of one move fewer is proved.
 
-    number: the move's, from 1. problem: the board before it. now: what the lanes' costs say of that board.
+    number: the move's, from 1. problem: the board before it. now: the corridor cost of that board.
     best: the first move of a shortest plan from there. optimum, after: the fewest moves before and after the
     network's move; `after` is None where there is no plan, or no proof in time.
     """
@@ -106,10 +106,10 @@ def column_of(name: str, model: Path, boards: int) -> Column:
     reach = build.reach_of(cfg, "cpu")
     learned, exact = build.planners_of(cfg, reach)
     if getattr(getattr(learned, "agent", None), "encoding", None) != "lanes":
-        raise InputError(f"--model: {model} does not see the lanes' costs, want one of agent.encoding=lanes")
+        raise InputError(f"--model: {model} does not see the corridor costs, want one of agent.encoding=lanes")
     instances = build.splits_of(cfg, reach).validation(reach)
     proofs, tries = exact.plan(instances.batch()), learned.plan(instances.batch())
-    now = lane_costs(reach, *instances.batch()).now.tolist()
+    now = corridor_costs(reach, *instances.batch()).now.tolist()
     found = [
         Board(row + 1, len(proof.moves), now[row], "" if tried.status is Status.SOLVED else tried.reason)
         for row, (proof, tried) in enumerate(zip(proofs, tries, strict=True))
@@ -139,7 +139,7 @@ def _mistakes(
         pick, place = (torch.tensor([getattr(move, end) for move in moves]) for end in ("pick", "place"))
         following = lift(board, pick) | bit(place, board.shape[-1])
         after = exact.plan(Batch(following, target))
-        problems, now = problems_of(reach, Batch(board, target)), lane_costs(reach, board, target).now.tolist()
+        problems, now = problems_of(reach, Batch(board, target)), corridor_costs(reach, board, target).now.tolist()
         number += 1
         kept = []
         for index, ((row, proof, _), then) in enumerate(zip(going, after, strict=True)):

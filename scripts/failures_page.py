@@ -22,9 +22,10 @@ def page(columns: Sequence[Column], model: str, command: str, picture: str | Non
         "",
         f"`{command}`, commit {commit()}, torch {torch.__version__}, weights `{model}`, seed 0 of the instances, reach "
         f"wide_hand. Boards of the validation split. `learned` is the network's greedy choices; a board can be solved "
-        f"where `exact` proves the fewest moves within {PROOF_S:g} s of its own. `now` is the lanes' cost of the start "
-        "board (`dore.learn.lane_features.lane_costs`): the moves that two levels of lanes ask for, what blocks a lane "
-        "of the target and what blocks the hand from that. The network sees the distance through these costs.",
+        f"where `exact` proves the fewest moves within {PROOF_S:g} s of its own. `now` is the corridor cost of the "
+        "start board (`dore.learn.corridor_features.corridor_costs`), estimated from two levels of corridors: what "
+        "blocks a corridor of the target, and what blocks the hand from that. The network sees the distance "
+        "through these costs.",
     ]
     if picture:
         lines += [

@@ -113,12 +113,12 @@ class Survey:
     @property
     def not_followed(self) -> Tensor:
         """Bool[G, S]: allowed, and yet the arm cannot; each one is a bug."""
-        return self.reach.lanes & ~self.followed
+        return self.reach.allowed_sectors & ~self.followed
 
     @property
     def not_blocked(self) -> Tensor:
         """Bool[G, S, G]: touched on an allowed lane, and yet the rule lets an object stand there; each one is a bug."""
-        return self.touched & ~self.blocking & self.reach.lanes[..., None]
+        return self.touched & ~self.blocking & self.reach.allowed_sectors[..., None]
 
     def off_lane_m(self) -> Tensor:
         """Float64[G, S, G]: how far a cell's middle lies from a lane's straight line, inf where it lies behind its end:
@@ -164,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     layout = Layout.grid(chosen.rows, chosen.cols, chosen.cell_m, chosen.front_m)
     surveyor = Surveyor(arm, preset(f"objects/{chosen.objects}"), layout)
     started = time.perf_counter()
-    found = survey(surveyor, torch.cartesian_prod(*map(torch.arange, surveyor.reach.lanes.shape)).tolist())
+    found = survey(surveyor, torch.cartesian_prod(*map(torch.arange, surveyor.reach.allowed_sectors.shape)).tolist())
     seconds = time.perf_counter() - started
     write_report(
         chosen.report, found, arm, surveyor.kinematics.hand_half_width_m, chosen.objects, seconds, chosen.command

@@ -47,7 +47,7 @@ def _write_rows(file: IO[str], found: Survey) -> None:
     for (cell, sector), why in found.why.items():
         here = cell, sector
         cells = (_ids(one[here]) for one in (blocking, found.empty, found.loaded))
-        allowed, followed = int(reach.lanes[here]), int(found.followed[here])
+        allowed, followed = int(reach.allowed_sectors[here]), int(found.followed[here])
         writer.writerow([cell_id(cell), sector, f"{reach.sectors_deg[sector]:.3f}", allowed, followed, why, *cells])
 
 
@@ -60,7 +60,7 @@ def _page(
 ) -> str:
     reach, layout = found.reach, found.reach.layout
     rows, cols = layout.grid_shape or (1, layout.n_cells)
-    allowed, lanes = reach.lanes, reach.lanes[..., None]
+    allowed, lanes = reach.allowed_sectors, reach.allowed_sectors[..., None]
     pairs = int(lanes.sum()) * (reach.n_cells - 1)
     off = found.off_lane_m()[found.touched & lanes]
     widest = f"{1e3 * float(off.max()):.1f} mm" if len(off) else "no distance: nothing was touched"
@@ -122,7 +122,7 @@ def _draw_lanes(axes: Axes, found: Survey) -> None:
         to_base = np.degrees(np.arctan2(-y, -x)) + 90.0
         for sector, direction in enumerate(reach.sectors_deg.tolist()):
             angle = to_base + direction
-            if reach.lanes[cell, sector]:
+            if reach.allowed_sectors[cell, sector]:
                 wedge = Wedge(
                     (-y, x + apex), radius, angle - step / 2, angle + step / 2, facecolor=ALLOWED, edgecolor="none"
                 )
@@ -150,7 +150,7 @@ def _draw_staging(axes: Axes, reach: Reach) -> None:
 
 def _draw_distances(axes: Axes, found: Survey) -> None:
     """How far from the line of an allowed lane the objects stand that are touched, and those that are not."""
-    off, lanes = 1e3 * found.off_lane_m(), found.reach.lanes[..., None]
+    off, lanes = 1e3 * found.off_lane_m(), found.reach.allowed_sectors[..., None]
     others = ~torch.eye(found.reach.n_cells, dtype=torch.bool)[:, None]
     near = lanes & others & (off < 2e3 * found.reach.clearance_m)
     bins = np.arange(0.0, 2e3 * found.reach.clearance_m + 2.5, 2.5)

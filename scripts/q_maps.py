@@ -27,7 +27,7 @@ from dore.errors import InputError
 from dore.files import atomic_write
 from dore.learn.agents.sequential import Sequential
 from dore.learn.checkpoint import SHIPPED
-from dore.planners.label import label
+from dore.planners.base import label
 from dore.planners.learned import Learned
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of

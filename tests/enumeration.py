@@ -19,7 +19,7 @@ class Enumeration:
         self.cells = reach.layout.cells
         self.r = reach.clearance_m
         step = 2 * reach.half_fan_deg / (reach.n_sectors - 1)
-        self.lanes = [math.radians(-reach.half_fan_deg + step * sector) for sector in range(reach.n_sectors)]
+        self.sectors = [math.radians(-reach.half_fan_deg + step * sector) for sector in range(reach.n_sectors)]
         self.covers = cache(self._covers)
         self.accessible = cache(self._accessible)
 
@@ -47,14 +47,16 @@ class Enumeration:
                         yield (board - {pick}) | {place}
 
     def _accessible(self, standing: Board, cell: int) -> bool:
-        """Whether a lane to `cell` is covered by none of what stands."""
-        return any(not any(self.covers(cell, lane, other) for other in standing) for lane in range(len(self.lanes)))
+        """Whether an approach sector of `cell` is covered by no object."""
+        return any(
+            not any(self.covers(cell, sector, other) for other in standing) for sector in range(len(self.sectors))
+        )
 
-    def _covers(self, cell: int, lane: int, other: int) -> bool:
-        """Whether what stands on `other` covers a lane: the angle between them is at most asin(r / distance)."""
+    def _covers(self, cell: int, sector: int, other: int) -> bool:
+        """Whether what stands on `other` covers a sector: the angle between them is at most asin(r / distance)."""
         (x, y), (x_other, y_other) = self.cells[cell], self.cells[other]
         distance = math.dist((x, y), (x_other, y_other))
         half_width = math.pi / 2 if self.r >= distance else math.asin(self.r / distance)
-        heading = math.atan2(-y, -x) + self.lanes[lane]
+        heading = math.atan2(-y, -x) + self.sectors[sector]
         along = ((x_other - x) * math.cos(heading) + (y_other - y) * math.sin(heading)) / distance
         return math.acos(max(-1.0, min(1.0, along))) <= half_width + 1e-9

@@ -16,7 +16,7 @@ from torch import Tensor
 from dore.configure import renamed
 from dore.errors import InputError
 from dore.files import atomic_write
-from dore.world.tensor_files import read_tensors, write_tensors
+from dore.world.files import read_tensors, write_tensors
 
 CHECKPOINT_FORMAT = "dore-checkpoint/1"
 MODEL_FORMAT = "dore-model/1"

@@ -1,4 +1,4 @@
-"""What a network sees of a board, and the board's mirror image.
+"""A network's observation of a board, and the board's mirror image.
 
 B denotes the batch, G the cells, W the words of a board.
 """
@@ -10,13 +10,14 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from dore.learn.lane_features import N_PLANES, lane_planes
+from dore.learn.corridor_features import N_PLANES, corridor_planes
 from dore.world import board as boards
 from dore.world.reach import Reach
 
 Encoding = Literal["planes", "state", "lanes"]
-"""`state`: the paper's vector of 0, 1 and 2 (eq. 7); `planes`: obstacles and target apart, one plane each; `lanes`:
-these, and what `dore.learn.lane_features` says of each cell, which means the same on every layout."""
+"""`state`: the paper's vector of 0, 1 and 2 (eq. 7); `planes`: one plane for the obstacles, one for the
+target; `lanes`: these and the approach-corridor costs of `dore.learn.corridor_features`, which mean the same on every
+layout (the name is that of earlier versions, so that their configs and models load)."""
 
 
 def encode(reach: Reach, board: Tensor, target: Tensor, mask: Tensor | None, encoding: Encoding) -> Tensor:
@@ -28,8 +29,8 @@ def encode(reach: Reach, board: Tensor, target: Tensor, mask: Tensor | None, enc
         planes = [boards.unpack(board, reach.n_cells).float(), (cell == target[:, None]).float()]
     if mask is not None:
         planes.append(mask.float())
-    seen = torch.stack(planes, 1)
-    return torch.cat([seen, lane_planes(reach, board, target)], 1) if encoding == "lanes" else seen
+    observation = torch.stack(planes, 1)
+    return torch.cat([observation, corridor_planes(reach, board, target)], 1) if encoding == "lanes" else observation
 
 
 def n_planes(encoding: Encoding, with_mask: bool) -> int:
@@ -57,7 +58,7 @@ def slots(board: Tensor, n_slots: int, n_cells: int) -> tuple[Tensor, Tensor]:
     """The paper's list of obstacles O (section 5.1): cells ascending, one slot each.
 
     Returns:
-        Int64[B, Z] cells, 0 where a slot is absent, and Bool[B, Z], which slots are there. Obstacles past Z
+        Int64[B, Z] cells, 0 where a slot is absent, and Bool[B, Z], which slots exist. Obstacles past Z
         have no slot.
     """
     occupied = boards.unpack(board, n_cells)
@@ -68,8 +69,8 @@ def slots(board: Tensor, n_slots: int, n_cells: int) -> tuple[Tensor, Tensor]:
     place = torch.where(has_slot, rank, n_slots)
     cells = torch.zeros(len(board), n_slots + 1, dtype=torch.int64, device=board.device)
     cells = cells.scatter(1, place, torch.where(has_slot, cell, 0))[:, :n_slots]
-    there = torch.arange(n_slots, device=board.device) < occupied.sum(-1, keepdim=True)
-    return cells, there
+    exists = torch.arange(n_slots, device=board.device) < occupied.sum(-1, keepdim=True)
+    return cells, exists
 
 
 def slot_of(board: Tensor, cell: Tensor, n_cells: int) -> Tensor:

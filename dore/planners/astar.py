@@ -1,6 +1,6 @@
 """A* over the boards of many instances at once, in layers of tensors. `Exact` says why it loses no optimum.
 
-N denotes the boards of a step, n the instances, D the lanes of a target, W the words of a board.
+N denotes the boards of a step, n the instances, D the corridors of a target, W the words of a board.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.planners.base import Draft
+from dore.planners.base import RawPlan
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.visited_set import SeenBoards
 from dore.world.board import bit, count, unpack
@@ -44,10 +44,10 @@ class _Step(NamedTuple):
     board: Tensor
     row: Tensor
     target: Tensor
-    lanes: Tensor
+    corridors: Tensor
     """Int64[N, D, W] of the targets."""
     blocking: Tensor
-    """Int64[N, D]: obstacles on each lane."""
+    """Int64[N, D]: obstacles on each corridor."""
 
 
 class Search:
@@ -101,12 +101,12 @@ class Search:
         """End what is alive without a proof."""
         self._end(self.alive.clone(), Status.GAVE_UP, why)
 
-    def drafts(self) -> list[Draft]:
+    def raw_plans(self) -> list[RawPlan]:
         """What was found for each instance, one that is still alive as given up."""
         solved = [status is Status.SOLVED for status, _ in self.ended]
         moves = self.seen.moves_to(torch.where(torch.tensor(solved, device=self.goal.device), self.goal, -1))
         return [
-            Draft(made, status, seconds, expansions, len(made) if status is Status.SOLVED else None, why)
+            RawPlan(made, status, seconds, expansions, len(made) if status is Status.SOLVED else None, why)
             for made, (status, why), seconds, expansions in zip(
                 moves, self.ended, self.seconds.tolist(), self.expansions.tolist(), strict=True
             )
@@ -122,7 +122,7 @@ class Search:
         """Expand boards with a budget; put their successors in line, and themselves unless nothing is left out."""
         seen = self.seen
         step = self._step(place)
-        is_open = self.relaxation.open_lanes(step.board, step.target, step.lanes, step.blocking, budget)
+        is_open = self.relaxation.open_corridors(step.board, step.target, step.corridors, step.blocking, budget)
         some = is_open.any(-1)
         self._queue(excess + 1, budget + 1, place[~some])
         expanded, is_open = _Step(*(field[some] for field in step)), is_open[some]
@@ -143,18 +143,18 @@ class Search:
     def _successors(self, step: _Step, is_open: Tensor, budget: int) -> Iterator[tuple[Tensor, Tensor]]:
         """What the moves that a budget allows lead to: Int64[M, W], and Int64[M] from which board of the step.
 
-        is_open: Bool[N, D], the lanes that may be freed within the budget.
+        is_open: Bool[N, D], the corridors that may be freed within the budget.
         """
         near = is_open & (step.blocking < budget)
-        useful = _union(torch.where(near[..., None], -1, torch.where(is_open[..., None], step.lanes, 0)))
+        useful = _union(torch.where(near[..., None], -1, torch.where(is_open[..., None], step.corridors, 0)))
         pick = pickable(self.reach, step.board, step.target)
         pick &= unpack(useful & ~self.seen.just_placed(step.place), self.reach.n_cells)
         source, cell = pick.nonzero(as_tuple=True)
         for some, picked in zip(source.split(PAIRS), cell.split(PAIRS), strict=True):
             lifted = lift(step.board[some], picked)
-            lanes, blocking = step.lanes[some], step.blocking[some]
-            left = blocking - (bit(picked, lifted.shape[-1])[:, None] & lanes).ne(0).any(-1).long()
-            useful = _places(lanes, left, is_open[some], budget)
+            corridors, blocking = step.corridors[some], step.blocking[some]
+            left = blocking - (bit(picked, lifted.shape[-1])[:, None] & corridors).ne(0).any(-1).long()
+            useful = _places(corridors, left, is_open[some], budget)
             place = placeable(self.reach, lifted, step.target[some])
             place &= unpack(useful & ~step.board[some], self.reach.n_cells)
             pair, cell = place.nonzero(as_tuple=True)
@@ -163,8 +163,8 @@ class Search:
     def _step(self, place: Tensor) -> _Step:
         board, row = self.seen.board[place], self.seen.row[place]
         target = self.start.target[row]
-        lanes = self.relaxation.lanes_of(target)
-        return _Step(place, board, row, target, lanes, count(board[:, None] & lanes))
+        corridors = self.relaxation.corridors_of(target)
+        return _Step(place, board, row, target, corridors, count(board[:, None] & corridors))
 
     def _queue(self, excess: int, budget: int, place: Tensor) -> None:
         """Put boards in line."""
@@ -204,14 +204,14 @@ class Search:
             self.alive[row] = False
 
 
-def _places(lanes: Tensor, left: Tensor, is_open: Tensor, budget: int) -> Tensor:
-    """Int64[P, W]: where a lifted obstacle may go so that an open lane is blocked by less than `budget` after.
+def _places(corridors: Tensor, left: Tensor, is_open: Tensor, budget: int) -> Tensor:
+    """Int64[P, W]: where a lifted obstacle may go so that an open corridor is blocked by less than `budget` after.
 
-    lanes: Int64[P, D, W]; left: Int64[P, D], how many block each after the lift.
+    corridors: Int64[P, D, W]; left: Int64[P, D], how many block each after the lift.
     """
     anywhere = is_open & (left < budget - 1)
     beside = is_open & (left == budget - 1)
-    return _union(torch.where(anywhere[..., None], -1, torch.where(beside[..., None], ~lanes, 0)))
+    return _union(torch.where(anywhere[..., None], -1, torch.where(beside[..., None], ~corridors, 0)))
 
 
 def _union(words: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""What a planner is, and the one way from a planner's moves to a `Plan`: through the independent replay."""
+"""What a planner is, the one way from its moves to a replayed `Plan`, and labels for instances."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
+from dore.errors import whole
 from dore.world.board import bit, unpack
-from dore.world.instances import problems_of
+from dore.world.instances import InstanceSet, problems_of
 from dore.world.plan import Move, Plan, PlanError, Status, replay
 from dore.world.problem import Batch, cell_id
 from dore.world.reach import Reach
@@ -33,7 +34,7 @@ class Planner(Protocol):
         """
 
 
-class Draft(NamedTuple):
+class RawPlan(NamedTuple):
     """What a planner found for one instance, before anything is checked."""
 
     moves: Sequence[tuple[int, int]]
@@ -55,32 +56,32 @@ def parts_of(batch: Batch, size: int) -> Iterator[Batch]:
         yield Batch(batch.board[first : first + size], batch.target[first : first + size])
 
 
-def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: str) -> list[Plan]:
+def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], planner: str) -> list[Plan]:
     """Give each move its approach directions and replay each plan.
 
     A direction is the free sector nearest 0 degrees: for a pick with the obstacle itself off the board and the
     target standing, for a place after the lift, for the target with every obstacle standing.
 
     Args:
-        start: boards Int64[B, W] and targets Int64[B]; drafts: one an instance.
+        start: boards Int64[B, W] and targets Int64[B]; raw_plans: one an instance.
         planner: the planner's name.
 
     Raises:
-        PlanError: a draft breaks a rule; names the planner, the instance's place in the batch, the move and why.
+        PlanError: a raw_plan breaks a rule; names the planner, the instance's place in the batch, the move and why.
     """
-    directions, retrieve = _directions(reach, start, drafts)
+    directions, retrieve = _directions(reach, start, raw_plans)
     plans = []
-    for row, (draft, problem) in enumerate(zip(drafts, problems_of(reach, start), strict=True)):
-        moves = tuple(Move(*move, *degrees) for move, degrees in zip(draft.moves, directions[row], strict=True))
+    for row, (raw_plan, problem) in enumerate(zip(raw_plans, problems_of(reach, start), strict=True)):
+        moves = tuple(Move(*move, *degrees) for move, degrees in zip(raw_plan.moves, directions[row], strict=True))
         plan = Plan(
-            draft.status,
+            raw_plan.status,
             moves,
             retrieve[row],
             planner,
-            draft.planning_s,
-            draft.expansions,
-            draft.optimal_moves,
-            draft.reason,
+            raw_plan.planning_s,
+            raw_plan.expansions,
+            raw_plan.optimal_moves,
+            raw_plan.reason,
         )
         try:
             replay(problem, plan)
@@ -91,15 +92,15 @@ def checked_plans(reach: Reach, start: Batch, drafts: Sequence[Draft], planner: 
 
 
 def _directions(
-    reach: Reach, start: Batch, drafts: Sequence[Draft]
+    reach: Reach, start: Batch, raw_plans: Sequence[RawPlan]
 ) -> tuple[list[list[tuple[float, float]]], list[float | None]]:
     """Each move's (pick, place) directions and the target's, degrees; step by step, all rows at once."""
     board, words = start.board.clone(), start.board.shape[-1]
     target = bit(start.target, words)
-    directions: list[list[tuple[float, float]]] = [[] for _ in drafts]
-    for step in range(max((len(draft.moves) for draft in drafts), default=0)):
-        rows = [row for row, draft in enumerate(drafts) if len(draft.moves) > step]
-        moves = torch.tensor([drafts[row].moves[step] for row in rows], device=board.device)
+    directions: list[list[tuple[float, float]]] = [[] for _ in raw_plans]
+    for step in range(max((len(raw_plan.moves) for raw_plan in raw_plans), default=0)):
+        rows = [row for row, raw_plan in enumerate(raw_plans) if len(raw_plan.moves) > step]
+        moves = torch.tensor([raw_plans[row].moves[step] for row in rows], device=board.device)
         where = [
             f"instance {row + 1}: move {step + 1} ({cell_id(pick)} to {cell_id(place)})"
             for row, (pick, place) in zip(rows, moves.tolist(), strict=True)
@@ -111,10 +112,10 @@ def _directions(
         for row, degrees in zip(rows, zip(picks, places, strict=True), strict=True):
             directions[row].append(degrees)
         board[rows] = lifted | bit(place, words)
-    solved = [row for row, draft in enumerate(drafts) if draft.status is Status.SOLVED]
+    solved = [row for row, raw_plan in enumerate(raw_plans) if raw_plan.status is Status.SOLVED]
     where = [f"instance {row + 1}: target" for row in solved]
     found = dict(zip(solved, _nearest_free(reach, board[solved], start.target[solved], where), strict=True))
-    return directions, [found.get(row) for row in range(len(drafts))]
+    return directions, [found.get(row) for row in range(len(raw_plans))]
 
 
 def _nearest_free(reach: Reach, standing: Tensor, cell: Tensor, where: list[str]) -> list[float]:
@@ -126,8 +127,35 @@ def _nearest_free(reach: Reach, standing: Tensor, cell: Tensor, where: list[str]
     for one, name in zip(cell.tolist(), where, strict=True):
         if not 0 <= one < reach.n_cells:
             raise PlanError(f"{name} id {cell_id(one)}, want 1 to {reach.n_cells}")
-    blocked = ~reach.free_cell(standing, cell)
+    blocked = ~reach.cell_accessible(standing, cell)
     if bool(blocked.any()):
         row = int(blocked.nonzero()[0, 0])
         raise PlanError(f"{where[row]}: no free approach direction to cell {cell_id(int(cell[row]))}")
     return reach.direction_deg(unpack(standing, reach.n_cells), cell).tolist()
+
+
+class Labels(NamedTuple):
+    """One entry an instance."""
+
+    status: list[Status]
+    optimal_moves: list[int | None]
+    """The proved fewest moves; None where no plan, or no proof, is known."""
+
+
+def label(instances: InstanceSet, planner: Planner, batch_size: int = 1024) -> Labels:
+    """Label a set with a planner that proves its plans, such as `Exact`.
+
+    Args:
+        batch_size: instances handed to the planner together.
+
+    Raises:
+        InputError: a batch size below 1.
+        PlanError: a plan does not replay, which is a fault of the planner.
+    """
+    step = whole("batch_size", batch_size, 1)
+    plans = [
+        plan
+        for first in range(0, len(instances), step)
+        for plan in planner.plan(instances.batch(slice(first, first + step)))
+    ]
+    return Labels([plan.status for plan in plans], [plan.optimal_moves for plan in plans])

@@ -131,11 +131,11 @@ class Beam:
 
     def _opens(self, lifted: Tensor, target: Tensor) -> Tensor:
         """Bool[P, G]: cells on which a lifted obstacle leaves the target accessible."""
-        lanes = self.reach.blocking_sets[:, target]
-        free = (lifted & lanes).eq(0).all(-1)
+        corridors = self.reach.blocking_sets[:, target]
+        free = (lifted & corridors).eq(0).all(-1)
         opens = torch.zeros(len(target), self.reach.n_cells, dtype=torch.bool, device=lifted.device)
-        for lane, is_free in zip(lanes, free, strict=True):
-            opens |= is_free[:, None] & ~unpack(lane, self.reach.n_cells)
+        for corridor, is_open in zip(corridors, free, strict=True):
+            opens |= is_open[:, None] & ~unpack(corridor, self.reach.n_cells)
         return opens
 
     def _finish(self, opens: Tensor, parent: Tensor, pick: Tensor, row: Tensor) -> None:

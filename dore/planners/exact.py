@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dore.errors import number, whole
 from dore.planners.astar import Budget, Search
-from dore.planners.base import Draft, checked_plans, parts_of
+from dore.planners.base import RawPlan, checked_plans, parts_of
 from dore.planners.bounds import DeleteRelaxation
 from dore.planners.visited_set import OutOfMemory
 from dore.world.plan import Plan
@@ -19,25 +19,25 @@ class Exact:
     """A* (Hart, Nilsson and Raphael, 1968) over boards, with a proof either way.
 
     Unit costs; the bound is that of the delete relaxation (`DeleteRelaxation`), at least the fewest obstacles on any
-    lane of the target. Boards of equal f = moves so far + bound are expanded as layers of tensors, those nearest the
-    goal first. Three things keep the layers thin, and none loses the optimum:
+    approach corridor of the target. Boards of equal f = moves so far + bound are expanded as layers of tensors, those
+    nearest the goal first. Three things keep the layers thin, and none loses the optimum:
 
     - Partial expansion (Yoshizumi and others, 2000; Felner and others, 2012). A board is expanded with a budget of
-      moves, m = f - moves so far: only moves after which some lane of the target, open within m, is blocked by at
+      moves, m = f - moves so far: only moves after which some corridor of the target, open within m, is blocked by at
       most m - 1 obstacles. No other move can begin a plan of m moves, since k obstacles need k moves. The board
       comes back with m + 1 when f has grown, until no move is left out.
-    - Lazy bounds (Tolpin and others, 2013): a board is put in line by the count of obstacles on its best lane, and
-      the dearer bound is worked out only when its turn comes; a board that fails waits for m + 1.
+    - Lazy bounds (Tolpin and others, 2013): a board is queued by the count of obstacles on its best corridor, and
+      the costlier bound is computed only when its turn comes; a board that fails waits for m + 1.
     - An obstacle is not moved twice in a row. Moves p -> q -> r of one obstacle are p -> r: each needs its two cells
       accessible and empty on the same board, the one without the obstacle. So the board after p -> r was one move
       nearer the start, and no shortest plan to it leads through q.
 
-    The goal is seen one move early, when a move may be made after which m - 1 = 0 obstacles block a lane.
+    The goal is seen one move early, when a move may be made after which m - 1 = 0 obstacles block a corridor.
 
     Optimal: the bounds are admissible, all boards of smaller f have been exhausted before, and a board reached again
-    by fewer moves is put in line again (`SeenBoards.add`), so that nothing rests on the bound being consistent.
+    by fewer moves is queued again (`SeenBoards.add`), so that nothing depends on the bound being consistent.
     Unsolvable: either nothing was left to expand, or `DeleteRelaxation.locked` proves it from the start board alone.
-    The go-back failure needs no care: a shortest plan visits no board twice.
+    The go-back failure needs no handling: a shortest plan visits no board twice.
 
     Args:
         max_nodes: gives an instance up after so many expanded boards.
@@ -64,10 +64,10 @@ class Exact:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances, `GROUP` at a time; see `Planner`."""
-        drafts = [draft for part in parts_of(batch, GROUP) for draft in self._drafts(part)]
-        return checked_plans(self.reach, batch, drafts, self.name)
+        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._drafts(part)]
+        return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _drafts(self, part: Batch) -> list[Draft]:
+    def _drafts(self, part: Batch) -> list[RawPlan]:
         """Plan instances together, and those that do not fit into memory one by one."""
         search = Search(self.reach, self.relaxation, self.budget, part)
         try:
@@ -75,9 +75,9 @@ class Exact:
         except OutOfMemory:
             waiting = search.alive.nonzero().squeeze(-1).tolist()
             if len(part.target) > 1:
-                done = search.drafts()
+                done = search.raw_plans()
                 for row in waiting:
                     (done[row],) = self._drafts(Batch(part.board[row, None], part.target[row, None]))
                 return done
             search.give_up(f"memory budget: {search.seen.size} boards seen")
-        return search.drafts()
+        return search.raw_plans()

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import number, whole
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.world.board import bit
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
@@ -54,10 +54,10 @@ class GraphSearch:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """One plan an instance, worked out one by one; see `Planner`."""
-        drafts = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
-        return checked_plans(self.reach, batch, drafts, self.name)
+        raw_plans = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
+        return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _draft(self, board: Tensor, target: Tensor) -> Draft:
+    def _draft(self, board: Tensor, target: Tensor) -> RawPlan:
         """The plan of one instance: Int64[1, W], Int64[1]."""
         began = time.perf_counter()
         start: Node = tuple(board[0].tolist())
@@ -80,11 +80,11 @@ class GraphSearch:
         seconds = time.perf_counter() - began
         if goal is not None:
             moves = _moves(made_from, goal)
-            return Draft(moves, Status.SOLVED, seconds, expansions, len(moves))
+            return RawPlan(moves, Status.SOLVED, seconds, expansions, len(moves))
         if waiting:
-            return Draft([], Status.GAVE_UP, seconds, expansions, reason=spent)
+            return RawPlan([], Status.GAVE_UP, seconds, expansions, reason=spent)
         reason = f"all {len(made_from)} boards that can be reached are exhausted"
-        return Draft([], Status.UNSOLVABLE, seconds, expansions, reason=reason)
+        return RawPlan([], Status.UNSOLVABLE, seconds, expansions, reason=reason)
 
     def _branches(self, node: Node, target: Tensor) -> Iterator[tuple[Node, int, int, bool]]:
         """The next nodes, the move (pick, place) to each, and whether the target is accessible there."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from dore.errors import number, whole
-from dore.planners.base import Draft, checked_plans, parts_of
+from dore.planners.base import RawPlan, checked_plans, parts_of
 from dore.planners.beam import Beam
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
@@ -40,13 +40,13 @@ class _Search:
     expansions: int = 0
     seconds: float = 0.0
 
-    def draft(self) -> Draft:
+    def raw_plan(self) -> RawPlan:
         """What came of it."""
         if self.moves is not None:
             optimal = len(self.moves) if self.proved else None
-            return Draft(self.moves, Status.SOLVED, self.seconds, self.expansions, optimal)
+            return RawPlan(self.moves, Status.SOLVED, self.seconds, self.expansions, optimal)
         status = Status.UNSOLVABLE if self.proved else Status.GAVE_UP
-        return Draft([], status, self.seconds, self.expansions, reason=self.refusal)
+        return RawPlan([], status, self.seconds, self.expansions, reason=self.refusal)
 
 
 class Guided:
@@ -55,14 +55,13 @@ class Guided:
     A layer holds the boards after one move more. As in Q* (Agostinelli and others, 2021), a move is ranked by the
     Q-value that the network gives it, so one pass ranks all places of a lifted obstacle and no board is made to be
     judged. The `width` most valued moves of an instance make the next layer; boards seen before are dropped. Whether
-    a move opens the target is not left to the network: each one in sight is tested, so the first layer with a
+    a move makes the target accessible is not left to the network: every candidate is tested, so the first layer with a
     solution gives the shortest plan within the beam.
 
-    Where none is found the beam is widened and the search begun again, until a plan is found, or nothing had to be
-    left out, which proves that there is none, or the budget is spent. What `DeleteRelaxation.locked` proves to be
-    unsolvable is not searched twice. A plan as short as the fewest obstacles on any lane of the target is optimal; one
-    that is longer may be improved by a wider beam for `improve_seconds`, where the shorter plans are exhausted
-    proves it too.
+    If none is found the beam is widened and the search restarted, until a plan is found, or nothing had to be left
+    out, which proves that there is none, or the budget is spent. What `DeleteRelaxation.locked` proves unsolvable is
+    not searched twice. A plan as short as the fewest obstacles on any approach corridor of the target is optimal. A
+    longer one may be improved by a wider beam for `improve_seconds`; exhausting the shorter plans proves it too.
 
     Args:
         reach: may differ from the one trained on.
@@ -103,10 +102,10 @@ class Guided:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances, `GROUP` at a time; see `Planner`."""
-        drafts = [draft for part in parts_of(batch, GROUP) for draft in self._drafts(part)]
-        return checked_plans(self.reach, batch, drafts, self.name)
+        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._drafts(part)]
+        return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _drafts(self, start: Batch) -> list[Draft]:
+    def _drafts(self, start: Batch) -> list[RawPlan]:
         began = time.perf_counter()
         searches = [_Search(fewest) for fewest in fewest_blocking(self.reach, start).tolist()]
         for search, is_open in zip(searches, retrievable(self.reach, *start).tolist(), strict=True):
@@ -124,7 +123,7 @@ class Guided:
             began = time.perf_counter()
             # Wider before longer: what looks like no way in the beam is mostly a short one beside it.
             width, longest = width * WIDER, 2 * longest if width > WIDER * self.width else longest
-        return [search.draft() for search in searches]
+        return [search.raw_plan() for search in searches]
 
     def _widen(
         self, start: Batch, searches: list[_Search], alive: list[int], width: int, longest: int, began: float

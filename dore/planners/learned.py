@@ -11,7 +11,7 @@ from dore.learn.agents.common import Agent
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.model import agent_of
 from dore.learn.rollout import Rollout, greedy_rollout
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.world.layout import Layout
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
@@ -61,20 +61,20 @@ class Learned:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances at once; see `Planner`."""
-        return checked_plans(self.reach, batch, self.drafts(batch), self.name)
+        return checked_plans(self.reach, batch, self.raw_plans(batch), self.name)
 
-    def drafts(self, batch: Batch) -> list[Draft]:
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """What the greedy episodes come to, before their replay."""
         began = time.perf_counter()
         rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
-        return [draft_of(rollout, row, share) for row in range(len(batch.target))]
+        return [raw_plan_of(rollout, row, share) for row in range(len(batch.target))]
 
 
-def draft_of(rollout: Rollout, row: int, planning_s: float) -> Draft:
+def raw_plan_of(rollout: Rollout, row: int, planning_s: float) -> RawPlan:
     """What a greedy episode came to."""
     moves, solved = rollout.moves(row), bool(rollout.solved[row])
     failure = Failure(int(rollout.failure[row]))
     reason = "" if solved else "move budget" if failure is Failure.NONE else failure.name.lower().replace("_", " ")
     status = Status.SOLVED if solved else Status.GAVE_UP
-    return Draft(moves, status, planning_s, expansions=len(moves), reason=reason)
+    return RawPlan(moves, status, planning_s, expansions=len(moves), reason=reason)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, flag, number, whole
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.world import board as boards
 from dore.world.layout import Layout
 from dore.world.plan import Plan, Status
@@ -25,8 +25,8 @@ class GiveUp(StrEnum):
 
     NO_PLACE = "no place"
     """No cell is open to the picked obstacle, or each would bring an earlier board back."""
-    NO_LANE = "no lane"
-    """Every lane to an obstacle or the target is blocked by the target, or by what waits for that very lane."""
+    NO_APPROACH = "no approach"
+    """Every approach to an obstacle or the target is blocked by the target, or by what waits for that approach."""
     BUDGET = "move budget"
     """`max_moves` are spent."""
 
@@ -43,7 +43,7 @@ class StraightLine:
 
     Not in the paper, which does not say:
     - where the corridor is clear and VFH+ still finds no way (it needs room beside the cell), what blocks the
-      lane nearest the straight line is removed too, unless the target is what blocks it;
+      approach nearest the straight line is removed too, unless the target is what blocks it;
     - where it cannot go on, it takes the target if that is accessible by then;
     - no move brings an earlier board back; with the move budget, this keeps the method from looping;
     - of two farthest cells the one with the lower id is taken.
@@ -79,15 +79,15 @@ class StraightLine:
         self.avoid_corridors = flag("avoid_corridors", avoid_corridors)
         self.max_moves = whole("max_moves", max_moves, 1)
         self.corridors = _corridors(reach.layout, self.start_m, self.corridor_m)
-        self.lanes = _lanes(reach, self.start_m)
+        self.approaches = _approaches(reach, self.start_m)
         self.farthest = _farthest(reach.layout)
 
     def plan(self, batch: Batch) -> list[Plan]:
         """One plan an instance, worked out one by one; see `Planner`."""
-        drafts = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
-        return checked_plans(self.reach, batch, drafts, self.name)
+        raw_plans = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
+        return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _draft(self, board: Tensor, target: Tensor) -> Draft:
+    def _draft(self, board: Tensor, target: Tensor) -> RawPlan:
         """The plan of one instance: Int64[1, W], Int64[1]."""
         began = time.perf_counter()
         clearing = _Clearing(self, board, target)
@@ -99,7 +99,7 @@ class StraightLine:
             if not clearing.accessible[clearing.target]:
                 status, reason = Status.GAVE_UP, str(stuck)
         taken = time.perf_counter() - began
-        return Draft(clearing.moves, status, taken, expansions=len(clearing.moves), reason=reason)
+        return RawPlan(clearing.moves, status, taken, expansions=len(clearing.moves), reason=reason)
 
 
 class _Stuck(Exception):
@@ -121,7 +121,7 @@ class _Clearing:
         self._look(board)
 
     def clear(self, cell: int, waiting: frozenset[int], keep: frozenset[int]) -> None:
-        """Remove what stands in the corridor to `cell`, and then what blocks the lane nearest it.
+        """Remove what stands in the corridor to `cell`, and then what blocks the approach nearest it.
 
         waiting: obstacles that can only go after this one; keep: cells of the corridors being cleared.
 
@@ -133,11 +133,11 @@ class _Clearing:
         while (obstacle := self._first(corridor, waiting)) is not None:
             self._remove(obstacle, waiting, keep)
         while not self.accessible[cell]:
-            lane = self._nearest_lane(cell, waiting)
-            obstacle = self._first(lane, waiting)
+            approach = self._nearest_approach(cell, waiting)
+            obstacle = self._first(approach, waiting)
             if obstacle is None:
-                raise _Stuck(GiveUp.NO_LANE, cell)
-            self._remove(obstacle, waiting, keep.union(lane))
+                raise _Stuck(GiveUp.NO_APPROACH, cell)
+            self._remove(obstacle, waiting, keep.union(approach))
 
     def _first(self, cells: tuple[int, ...], waiting: frozenset[int]) -> int | None:
         """The first of `cells` with an obstacle that may go now."""
@@ -168,19 +168,19 @@ class _Clearing:
             places = [cell for cell in places if cell not in keep] or places
         return places[0]
 
-    def _nearest_lane(self, cell: int, waiting: frozenset[int]) -> tuple[int, ...]:
-        """The cells of the lane nearest the straight line that can be cleared."""
-        for lane in self.planner.lanes[cell]:
-            if self.target not in lane and not waiting.intersection(self.obstacles.intersection(lane)):
-                return lane
-        raise _Stuck(GiveUp.NO_LANE, cell)
+    def _nearest_approach(self, cell: int, waiting: frozenset[int]) -> tuple[int, ...]:
+        """The cells of the approach nearest the straight line that can be cleared."""
+        for approach in self.planner.approaches[cell]:
+            if self.target not in approach and not waiting.intersection(self.obstacles.intersection(approach)):
+                return approach
+        raise _Stuck(GiveUp.NO_APPROACH, cell)
 
     def _look(self, board: Tensor) -> None:
         """See where the obstacles are and what the hand can get to."""
         reach = self.planner.reach
         self.obstacles = set(boards.unpack(board[0], reach.n_cells).nonzero().squeeze(-1).tolist())
         standing = board | boards.bit(self.target_id, board.shape[-1])
-        self.accessible: list[bool] = reach.free(standing)[0].tolist()
+        self.accessible: list[bool] = reach.accessible_packed(standing)[0].tolist()
 
 
 def _corridors(layout: Layout, start_m: tuple[float, float], half_width_m: float) -> list[tuple[int, ...]]:
@@ -196,18 +196,20 @@ def _corridors(layout: Layout, start_m: tuple[float, float], half_width_m: float
     return [_nearest_first(cells.nonzero().squeeze(-1).tolist(), length) for cells in inside]
 
 
-def _lanes(reach: Reach, start_m: tuple[float, float]) -> list[list[tuple[int, ...]]]:
+def _approaches(reach: Reach, start_m: tuple[float, float]) -> list[list[tuple[int, ...]]]:
     """For each cell the blocking sets of its allowed sectors, the sector nearest the start's direction first."""
     start = torch.tensor(start_m, dtype=torch.float64)
     length = (reach.layout.centres - start).norm(dim=-1)
-    lanes = []
+    approaches = []
     for cell, (x, y) in enumerate(reach.layout.cells):
         straight = math.atan2(start_m[1] - y, start_m[0] - x) - math.atan2(-y, -x)
         off = (reach.sectors_deg.cpu().deg2rad() - straight).cos()
         covered = boards.unpack(reach.blockers[cell].cpu(), reach.n_cells)
-        allowed = [s for s in off.argsort(descending=True, stable=True).tolist() if bool(reach.lanes[cell, s])]
-        lanes.append([_nearest_first(covered[s].nonzero().squeeze(-1).tolist(), length) for s in allowed])
-    return lanes
+        allowed = [
+            s for s in off.argsort(descending=True, stable=True).tolist() if bool(reach.allowed_sectors[cell, s])
+        ]
+        approaches.append([_nearest_first(covered[s].nonzero().squeeze(-1).tolist(), length) for s in allowed])
+    return approaches
 
 
 def _farthest(layout: Layout) -> list[tuple[int, ...]]:

@@ -17,10 +17,10 @@ from dore.learn.learner import Learner
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.learn.trainer import MAIN, StopReason, Trainer
 from dore.learn.worlds import World
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.instance_memory import InstanceMemory, Returning
-from dore.planners.learned import Learned, draft_of
+from dore.planners.learned import Learned, raw_plan_of
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
@@ -97,21 +97,21 @@ class Transfer:
     def plan(self, batch: Batch) -> list[Plan]:
         """The base model on all instances at once, then one learning after the other; see `Planner`."""
         began = time.perf_counter()
-        drafts = self.base.drafts(batch)
+        raw_plans = self.base.raw_plans(batch)
         locked = self.relaxation.locked(*batch).tolist()
         share = (time.perf_counter() - began) / max(1, len(batch.target))
-        for row, draft in enumerate(drafts):
+        for row, raw_plan in enumerate(raw_plans):
             if locked[row]:
-                drafts[row] = Draft([], Status.UNSOLVABLE, share, draft.expansions, reason=LOCKED)
-            elif draft.status is Status.SOLVED:
-                drafts[row] = draft._replace(planning_s=share)
+                raw_plans[row] = RawPlan([], Status.UNSOLVABLE, share, raw_plan.expansions, reason=LOCKED)
+            elif raw_plan.status is Status.SOLVED:
+                raw_plans[row] = raw_plan._replace(planning_s=share)
             else:
                 alone = InstanceSet(self.reach, batch.board[row, None], batch.target[row, None])
-                drafts[row] = self._learn(alone, share)
-        return checked_plans(self.reach, batch, drafts, self.name)
+                raw_plans[row] = self._learn(alone, share)
+        return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _learn(self, instance: InstanceSet, spent_s: float) -> Draft:
-        """What a copy of the model makes of one instance; the draft's reason says how long it learned."""
+    def _learn(self, instance: InstanceSet, spent_s: float) -> RawPlan:
+        """What a copy of the model makes of one instance; the raw_plan's reason says how long it learned."""
         began = time.perf_counter()
         memory = InstanceMemory(instance)
         if memory.exhausted():
@@ -125,10 +125,10 @@ class Transfer:
         seconds, steps = spent_s + time.perf_counter() - began, trainer.progress.env_steps
         if stopped is StopReason.INTERRUPTED:
             return _refusal(memory, seconds)._replace(expansions=steps)
-        draft = draft_of(rollout, 0, seconds)
+        raw_plan = raw_plan_of(rollout, 0, seconds)
         learned = f"after {trainer.progress.episodes} episodes"
-        reason = f"{draft.reason} {learned}" if draft.reason else learned
-        return draft._replace(reason=reason, expansions=steps)
+        reason = f"{raw_plan.reason} {learned}" if raw_plan.reason else learned
+        return raw_plan._replace(reason=reason, expansions=steps)
 
     def _trainer(self, agent: Agent, memory: InstanceMemory) -> Trainer:
         rewards = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
@@ -142,7 +142,7 @@ class Transfer:
         return Trainer(learner, {MAIN: world}, self.epsilon, self.budget)
 
 
-def _refusal(memory: InstanceMemory, seconds: float) -> Draft:
+def _refusal(memory: InstanceMemory, seconds: float) -> RawPlan:
     """The memory's proof that there is no plan."""
     reason = f"all {len(memory.boards)} boards that can be reached are exhausted"
-    return Draft([], Status.UNSOLVABLE, seconds, reason=reason)
+    return RawPlan([], Status.UNSOLVABLE, seconds, reason=reason)

@@ -1,4 +1,7 @@
-"""Scene and plan files: JSON, ids 1..G. Reading checks everything; writing replaces the file whole."""
+"""Scene and plan files (JSON, ids 1..G), and named tensors with a text header (safetensors).
+
+Reading checks everything; writing replaces the file whole.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,10 @@ import json
 import os
 from pathlib import Path
 from typing import Any
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
 
 from dore.errors import InputError, number
 from dore.files import atomic_write
@@ -82,6 +89,32 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
     if plan.optimal_moves is not None:
         fields["optimal_moves"] = plan.optimal_moves
     _write(path, fields)
+
+
+def write_tensors(path: str | os.PathLike[str], tensors: dict[str, Tensor], header: dict[str, str]) -> None:
+    """Replace the file at `path` by these tensors; `header` must name their "format"."""
+    data = save({name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}, header)
+    with atomic_write(path, "wb") as file:
+        file.write(data)
+
+
+def read_tensors(path: str | os.PathLike[str], wanted_format: str) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Tensors, on the CPU, and header.
+
+    Raises:
+        InputError: no such file, a damaged one, or one of another format.
+    """
+    try:
+        with safe_open(os.fspath(path), framework="pt") as file:
+            header = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (SafetensorError, OSError) as error:
+        raise InputError(f"{path}: cut off or damaged ({str(error).splitlines()[0]})") from None
+    if header.get("format") != wanted_format:
+        raise InputError(f"{path}: format {header.get('format')!r}, want {wanted_format}")
+    return tensors, header
 
 
 def _read(path: str | os.PathLike[str], formats: tuple[str, ...]) -> dict[str, Any]:

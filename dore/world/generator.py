@@ -1,4 +1,8 @@
-"""Random problem instances, drawn for ever."""
+"""Random problem instances, without end, and the split that each belongs to.
+
+The split is a function of the board alone, the same for a board and its mirror image, which are the same problem. So
+training can draw fresh boards without end, mirrored or not, and never sees one of the test split.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +13,17 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, whole
-from dore.world.board import pack
+from dore.world.board import pack, unpack
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
-from dore.world.splits import SPLITS, split_share
 
+SPLITS = {"train": (0.0, 0.7), "validation": (0.7, 0.85), "test": (0.85, 1.0)}
+"""Each split's share of all boards. The paper: 70 % train, 30 % test, and training stops on the test set."""
 CANDIDATES = 16384
 """Boards drawn at once."""
 PATIENCE = 20
-"""So many draws without a new instance mean that there are no more."""
+"""After this many draws without a new instance there are taken to be no more."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class Difficulty:
     are those without a legal first move, where no episode could start (the paper is silent on these).
 
     Raises:
-        InputError: counts below 1, or upside down.
+        InputError: counts below 1, or min above max.
     """
 
     min_obstacles: int
@@ -67,7 +72,7 @@ class InstanceSource(Protocol):
 
 
 class FreshInstances:
-    """Draws boards of one split that no one has seen, for ever, on the reach's device."""
+    """Draws new boards of one split, without end, on the reach's device."""
 
     def __init__(self, reach: Reach, difficulty: Difficulty, split: str, seed: int) -> None:
         difficulty.check_fits(reach.n_cells)
@@ -83,7 +88,7 @@ class FreshInstances:
         )
 
     def candidates(self) -> Batch:
-        """Some instances, as many as a draw of `CANDIDATES` boards leaves over."""
+        """Some instances: as many of `CANDIDATES` random boards as qualify."""
         low, high, n_cells = self.difficulty.min_obstacles, self.difficulty.max_obstacles, self.reach.n_cells
         device = self.reach.device
         keys = torch.rand(CANDIDATES, n_cells, generator=self.generator, device=device)
@@ -104,7 +109,7 @@ class FreshInstances:
         """The next `n` instances.
 
         Raises:
-            InputError: no instance turns up; the boards are too sparse, say.
+            InputError: no instance is found, for example because the boards are too sparse.
         """
         parts, found, stale = [self._left], len(self._left.target), 0
         while found < n:
@@ -136,3 +141,29 @@ class FreshInstances:
         """Go on as the source whose `state_dict` this is."""
         self.generator.set_state(state["generator"])
         self._left = Batch(state["board"].to(self.reach.device), state["target"].to(self.reach.device))
+
+
+def split_share(board: Tensor, reach: Reach) -> Tensor:
+    """Float64[B]: each board's place in [0, 1), the same for a board and its mirror image (splitmix64)."""
+    share = _hash(board)
+    if reach.mirror is not None:
+        mirrored = unpack(board, reach.n_cells)[:, reach.mirror]
+        share = torch.minimum(share, _hash(pack(mirrored)))
+    # The lower of two uniform numbers is not uniform: 1 - (1 - u)^2 is.
+    return 1 - (1 - share) ** 2 if reach.mirror is not None else share
+
+
+def _hash(board: Tensor) -> Tensor:
+    """Float64[B] in [0, 1) from Int64[B, W]."""
+    value = torch.zeros_like(board[:, 0])
+    for word in range(board.shape[1]):
+        value = value + board[:, word] - 7046029254386353131
+        value = (value ^ _shift(value, 30)) * -4658895280553007687
+        value = (value ^ _shift(value, 27)) * -7723592293110705685
+        value = value ^ _shift(value, 31)
+    return _shift(value, 11).double() / 2**53
+
+
+def _shift(value: Tensor, bits: int) -> Tensor:
+    """A logical right shift; torch's own keeps the sign."""
+    return (value >> bits) & ((1 << (64 - bits)) - 1)

@@ -11,11 +11,11 @@ from torch import Tensor
 
 from dore.errors import InputError, seed_of, whole
 from dore.world.board import contains, count, unpack
+from dore.world.files import read_tensors, write_tensors
 from dore.world.generator import PATIENCE, Difficulty, FreshInstances, InstanceSource
 from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
-from dore.world.tensor_files import read_tensors, write_tensors
 
 FORMAT = "dore-instances/1"
 

@@ -29,15 +29,16 @@ class Reach:
     An obstacle at distance d and bearing b covers the sectors in [b - asin(r/d), b + asin(r/d)], 90 degrees
     to each side where r >= d. A cell is accessible when an allowed sector is covered by no obstacle.
 
-    Not in the paper: a sector can be ruled out for a cell beforehand, because the arm cannot follow its lane.
+    Not in the paper: a sector can be ruled out for a cell beforehand, because the arm cannot follow that approach
+    corridor.
 
     Args:
-        clearance_m: r, half the width of the lane an obstacle's centre must stay out of, metres.
+        clearance_m: r, half the width of the approach corridor that an obstacle's centre must stay out of, metres.
         half_fan_deg: sectors span [-half_fan_deg, +half_fan_deg].
         n_sectors: how many sectors, evenly spaced, ends included.
         staging_m: how far before the layout's front edge the staging line lies, metres.
-        lateral_limit_m: largest |y| at which a lane may cross the staging line, metres; None: no limit.
-        max_yaw_deg: largest angle between a lane and the robot's x axis; None: no limit.
+        lateral_limit_m: largest |y| at which a corridor may cross the staging line, metres; None: no limit.
+        max_yaw_deg: largest angle between a corridor and the robot's x axis; None: no limit.
 
     Raises:
         InputError: a parameter outside its domain.
@@ -66,11 +67,11 @@ class Reach:
         )
         self.sectors_deg = torch.linspace(-self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64)
         self.mirror = layout.mirror
-        self.lanes = self._allowed_lanes()
+        self.allowed_sectors = self._allowed_sectors()
         self.blockers = boards.pack(self._covered())
         self.blocking_sets = self._undominated()
         self.blocking_cells = boards.unpack(self.blocking_sets, self.n_cells)
-        self._reachable = self.lanes.any(-1)
+        self._reachable = self.allowed_sectors.any(-1)
         self._kernel: Callable[[Tensor, Tensor, Tensor], Tensor] = _free
 
     @property
@@ -92,7 +93,7 @@ class Reach:
         """The same reach with its table on `device`."""
         moved = object.__new__(Reach)
         moved.__dict__.update(self.__dict__)
-        for name in ("sectors_deg", "lanes", "blockers", "blocking_sets", "blocking_cells", "_reachable"):
+        for name in ("sectors_deg", "allowed_sectors", "blockers", "blocking_sets", "blocking_cells", "_reachable"):
             setattr(moved, name, getattr(self, name).to(device))
         moved.mirror = None if self.mirror is None else self.mirror.to(device)
         return moved
@@ -100,7 +101,7 @@ class Reach:
     def compiled(self) -> Reach:
         """The same reach with its kernel compiled, for programs that check many boards.
 
-        The first call takes seconds. On some processors the eager kernel is as fast: scripts/bench_world.py tells."""
+        The first call takes seconds. On some processors the eager kernel is as fast: see scripts/bench_world.py."""
         fast = object.__new__(Reach)
         fast.__dict__.update(self.__dict__)
         fast._kernel = torch.compile(_free, dynamic=False)
@@ -120,13 +121,13 @@ class Reach:
         """
         if occupied.dtype is not torch.bool or occupied.ndim != 2 or occupied.shape[1] != self.n_cells:
             raise InputError(f"occupied: got {occupied.dtype}{list(occupied.shape)}, want Bool[B, {self.n_cells}]")
-        return self.free(boards.pack(occupied))
+        return self.accessible_packed(boards.pack(occupied))
 
-    def free(self, board: Tensor) -> Tensor:
+    def accessible_packed(self, board: Tensor) -> Tensor:
         """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]."""
         return self._kernel(board, self.blocking_sets, self._reachable)
 
-    def free_cell(self, board: Tensor, cell: Tensor) -> Tensor:
+    def cell_accessible(self, board: Tensor, cell: Tensor) -> Tensor:
         """`accessible` of one cell a board: Int64[B, W], Int64[B] -> Bool[B]."""
         blocked = (board[:, None] & self.blocking_sets[:, cell].transpose(0, 1)) != 0
         return ~blocked.any(-1).all(-1) & self._reachable[cell]
@@ -134,7 +135,7 @@ class Reach:
     def free_sectors(self, board: Tensor, cell: Tensor) -> Tensor:
         """Bool[B, S]: the allowed sectors of Int64[B] cells that Int64[B, W] boards leave free."""
         blocked = ((board[:, None] & self.blockers[cell]) != 0).any(-1)
-        return ~blocked & self.lanes[cell]
+        return ~blocked & self.allowed_sectors[cell]
 
     def direction_deg(self, occupied: Tensor, cell: Tensor) -> Tensor:
         """The approach direction: the free sector nearest 0 degrees, the clockwise one of two as near.
@@ -170,8 +171,8 @@ class Reach:
             **{name: value for name, value in optional.items() if value is not None},
         }
 
-    def _allowed_lanes(self) -> Tensor:
-        """Bool[G, S]: the lanes the arm itself can follow, whatever stands on the board."""
+    def _allowed_sectors(self) -> Tensor:
+        """Bool[G, S]: the corridors the arm itself can follow, whatever stands on the board."""
         centre = self.layout.centres
         heading = torch.atan2(centre[:, 1], centre[:, 0])[:, None] + self.sectors_deg.deg2rad()
         allowed = torch.ones_like(heading, dtype=torch.bool)
@@ -198,15 +199,15 @@ class Reach:
         return covered & ~itself
 
     def _undominated(self) -> Tensor:
-        """Int64[D, G, W]: for each cell, the sets of cells that must be empty for one of its lanes to be free.
+        """Int64[D, G, W]: for each cell, the sets of cells that must be empty for one of its corridors to be free.
 
-        A set that contains another is left out: its lane is free only where the other one is. Cells with fewer than
-        D sets repeat one; a cell that no lane leads to has the full board.
+        A set that contains another is left out: its corridor is free only where the other one is. Cells with fewer than
+        D sets repeat one; a cell that no corridor leads to has the full board.
         """
         closed = boards.pack(torch.ones(1, self.n_cells, dtype=torch.bool))
         kept: list[Tensor] = []
         for g in range(self.n_cells):
-            sets = boards.unpack(self.blockers[g][self.lanes[g]], self.n_cells).unique(dim=0)
+            sets = boards.unpack(self.blockers[g][self.allowed_sectors[g]], self.n_cells).unique(dim=0)
             contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
             kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
         most = max(len(sets) for sets in kept)

@@ -1,7 +1,7 @@
 """The rules of rearranging, as pure batched functions on packed boards.
 
 B denotes the batch, G the cells, W the words of a board, T the boards an episode remembers. A row's result
-depends on that row alone. `target` stands on the board wherever lanes are judged, but is never lifted.
+depends on that row alone. `target` stands on the board wherever corridors are judged, but is never lifted.
 """
 
 from __future__ import annotations
@@ -71,25 +71,25 @@ class Accessibility(NamedTuple):
 def accessibility(reach: Reach, board: Tensor, target: Tensor) -> Accessibility:
     """Both masks of Int64[B, W] boards, and whether their Int64[B] targets are accessible."""
     standing = board | bit(target, board.shape[-1])
-    free = reach.free(standing)
+    free = reach.accessible_packed(standing)
     obstacles, taken = unpack(board, reach.n_cells), unpack(standing, reach.n_cells)
     return Accessibility(free & obstacles, free & ~taken, free.gather(-1, target[:, None]).squeeze(-1))
 
 
 def pickable(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
     """Bool[B, G]: m_p, eq. 11-12: an obstacle stands there and the hand can get to it."""
-    return reach.free(board | bit(target, board.shape[-1])) & unpack(board, reach.n_cells)
+    return reach.accessible_packed(board | bit(target, board.shape[-1])) & unpack(board, reach.n_cells)
 
 
 def placeable(reach: Reach, lifted: Tensor, target: Tensor) -> Tensor:
     """Bool[B, G]: m_l, eq. 16-17, of a board whose picked obstacle is off: empty and in the hand's reach."""
     standing = lifted | bit(target, lifted.shape[-1])
-    return reach.free(standing) & ~unpack(standing, reach.n_cells)
+    return reach.accessible_packed(standing) & ~unpack(standing, reach.n_cells)
 
 
 def retrievable(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
     """Bool[B]: whether the target is accessible with every obstacle standing."""
-    return reach.free_cell(board, target)
+    return reach.cell_accessible(board, target)
 
 
 def lift(board: Tensor, pick: Tensor) -> Tensor:
@@ -120,7 +120,7 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
     """
     n_cells = reach.n_cells
     standing = board | bit(target, board.shape[-1])
-    free = reach.free(standing)
+    free = reach.accessible_packed(standing)
     in_reach = free & unpack(board, n_cells)
     pick = in_reach.clone()
     added = visited & ~board[:, None]
@@ -160,18 +160,18 @@ def transition(
     words = board.shape[-1]
     target_bit, place_bit = bit(target, words), bit(place, words)
     if can_pick is None:
-        pick_ok = contains(board, pick) & reach.free_cell(board | target_bit, pick)
+        pick_ok = contains(board, pick) & reach.cell_accessible(board | target_bit, pick)
     else:
         pick_ok = can_pick.gather(-1, pick[:, None]).squeeze(-1)
     lifted = lift(board, pick)
     standing = lifted | target_bit
-    place_ok = ~contains(standing, place) & reach.free_cell(standing, place)
+    place_ok = ~contains(standing, place) & reach.cell_accessible(standing, place)
     moved = lifted | place_bit
     again = same(visited, moved[:, None]).any(-1)
     failure = torch.where(pick_ok, 0, int(Failure.PICK)) + torch.where(place_ok, 0, int(Failure.PLACE))
     failure = torch.where((failure == 0) & again, int(Failure.GO_BACK), failure)
     accepted = failure == 0
-    opened = pick_ok & reach.free_cell(lifted, target)
+    opened = pick_ok & reach.cell_accessible(lifted, target)
     return Outcome(torch.where(accepted[:, None], moved, board), failure, opened)
 
 

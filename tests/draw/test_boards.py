@@ -14,7 +14,7 @@ from dore.draw.boards import Panel, draw_plan, panel_pixels, panels_of
 from dore.draw.curves import draw_learning_curve
 from dore.draw.style import DPI
 from dore.errors import InputError
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.world.layout import Layout
 from dore.world.plan import Move, PlanError, Status
 from dore.world.problem import Batch, Problem, Scene
@@ -40,7 +40,7 @@ def size_of(path: Path) -> tuple[int, int]:
 def draw(path: Path, scene: Scene, moves: list[tuple[int, int]], status: Status) -> tuple[int, int]:
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
     start = Batch.of(Problem(scene, reach))
-    (plan,) = checked_plans(reach, start, [Draft(moves, status, 0.0)], "test")
+    (plan,) = checked_plans(reach, start, [RawPlan(moves, status, 0.0)], "test")
     draw_plan(Problem(scene, reach), plan, path)
     assert [file.name for file in path.parent.iterdir()] == [path.name]
     return size_of(path)
@@ -70,7 +70,7 @@ def test_a_plan_that_does_not_replay_is_not_drawn(tmp_path: Path) -> None:
     scene = scene_of(DRAWING)
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
     start = Batch.of(Problem(scene, reach))
-    (plan,) = checked_plans(reach, start, [Draft([(scene.obstacles[1], 0)], Status.GAVE_UP, 0.0)], "test")
+    (plan,) = checked_plans(reach, start, [RawPlan([(scene.obstacles[1], 0)], Status.GAVE_UP, 0.0)], "test")
     elsewhere = Scene(scene.layout, (scene.obstacles[0],), scene.target)
     with pytest.raises(PlanError, match="move 1"):
         draw_plan(Problem(elsewhere, reach), plan, tmp_path / "plan.png")
@@ -82,7 +82,7 @@ def test_panels_follow_the_boards_of_a_plan() -> None:
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
     near, behind = scene.obstacles[1], scene.obstacles[0]
     start = Batch.of(Problem(scene, reach))
-    (plan,) = checked_plans(reach, start, [Draft([(near, 0), (behind, 1)], Status.SOLVED, 0.0)], "test")
+    (plan,) = checked_plans(reach, start, [RawPlan([(near, 0), (behind, 1)], Status.SOLVED, 0.0)], "test")
     panels = panels_of(Problem(scene, reach), plan)
     assert [panel.scene.obstacles for panel in panels] == [
         tuple(sorted(board)) for board in ((near, behind), (0, behind), (0, 1))

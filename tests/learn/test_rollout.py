@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from dore.learn.rollout import greedy_rollout
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.rules import Failure
@@ -19,11 +19,11 @@ def test_recorded_moves_replay_and_solved_is_true(kind):
     reach = wide_hand(3, 6)
     batch = make_env(reach, 1, 9).source.draw(300)
     rollout = greedy_rollout(make_agent(kind, False, reach, slots=9).greedy, reach, batch, max_moves=6)
-    drafts = [
-        Draft(rollout.moves(row), Status.SOLVED if solved else Status.GAVE_UP, 0.0)
+    raw_plans = [
+        RawPlan(rollout.moves(row), Status.SOLVED if solved else Status.GAVE_UP, 0.0)
         for row, solved in enumerate(rollout.solved.tolist())
     ]
-    checked_plans(reach, batch, drafts, "rollout")
+    checked_plans(reach, batch, raw_plans, "rollout")
     assert rollout.solved.any()
     assert (~rollout.solved).any()
     assert (rollout.n_moves[rollout.solved] >= 1).all()

@@ -21,16 +21,16 @@ from tests.planners.test_exact import batch_of, check_against_enumeration, every
 
 
 def least_budgets(reach: Reach, cases: list[tuple[Board, int]], most: int) -> tuple[Tensor, Tensor]:
-    """Int64[N]: the least budget that opens a lane, `most` where none does; and the fewest obstacles on a lane."""
+    """Int64[N]: the least budget that opens a corridor, `most` where none does; and the fewest obstacles on one."""
     board, target = batch_of(reach, cases)
     relaxation = DeleteRelaxation(reach)
-    lanes = relaxation.lanes_of(target)
-    blocking = count(board[:, None] & lanes)
+    corridors = relaxation.corridors_of(target)
+    blocking = count(board[:, None] & corridors)
     least = torch.full_like(target, most)
     before = torch.zeros_like(blocking, dtype=torch.bool)
     for budget in range(most):
-        is_open = relaxation.open_lanes(board, target, lanes, blocking, budget)
-        assert bool((is_open | ~before).all()), "a lane that opens within a budget opens within a greater one"
+        is_open = relaxation.open_corridors(board, target, corridors, blocking, budget)
+        assert bool((is_open | ~before).all()), "a corridor that opens within a budget opens within a greater one"
         least = torch.where(is_open.any(-1), least.clamp_max(budget), least)
         before = is_open
     return least, blocking.amin(-1)
@@ -74,7 +74,7 @@ def test_a_chain_of_obstacles_counts_as_a_whole() -> None:
 
 
 def test_locked_boards_have_no_plan() -> None:
-    # No lane leads to the corners near the robot.
+    # No corridor leads to the corners near the robot.
     reach = Reach(Layout.grid(3, 5, 0.12), **WIDE_HAND, max_yaw_deg=5.0)  # type: ignore[arg-type]
     draw = random.Random(0)
     cells = [draw.sample(range(15), draw.randint(2, 9)) for _ in range(300)]

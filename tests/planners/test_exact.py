@@ -16,8 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dore.errors import InputError
+from dore.planners.base import label
 from dore.planners.exact import Exact
-from dore.planners.label import label
 from dore.world.board import pack
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
@@ -136,8 +136,8 @@ def test_what_the_arm_never_reaches_is_seen_at_once() -> None:
         o . . . .
     """)
     reach = Reach(scene.layout, **WIDE_HAND, max_yaw_deg=5.0)  # type: ignore[arg-type]
-    assert reach.lanes[scene.target].any()
-    assert not reach.lanes[scene.obstacles[0]].any()
+    assert reach.allowed_sectors[scene.target].any()
+    assert not reach.allowed_sectors[scene.obstacles[0]].any()
     (plan,) = exact(reach).plan(Batch.of(Problem(scene, reach)))
     assert plan.status is Status.UNSOLVABLE
     assert plan.reason == "1 board seen: what blocks the target can never be reached"

@@ -9,7 +9,7 @@ import torch
 import yaml
 
 from dore.errors import InputError
-from dore.planners.base import Draft, checked_plans
+from dore.planners.base import RawPlan, checked_plans
 from dore.planners.straight_line import GiveUp, StraightLine
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
@@ -193,16 +193,16 @@ def test_a_draft_that_breaks_a_rule_is_refused_by_name(moves: list[tuple[int, in
     reach = Reach(scene.layout, **PUBLISHED)  # type: ignore[arg-type]
     one = Batch.of(Problem(scene, reach))
     batch = Batch(torch.cat([one.board, one.board]), torch.cat([one.target, one.target]))
-    good = Draft([(7, 0)], Status.SOLVED, 0.0)
+    good = RawPlan([(7, 0)], Status.SOLVED, 0.0)
     with pytest.raises(PlanError, match=f"instance 2: {why}"):
-        checked_plans(reach, batch, [good, Draft(moves, status, 0.0)], "some planner")
+        checked_plans(reach, batch, [good, RawPlan(moves, status, 0.0)], "some planner")
 
 
 def test_directions_are_those_of_reach() -> None:
     scene = scene_of(BLOCKED)
     reach = Reach(scene.layout, **PUBLISHED)  # type: ignore[arg-type]
-    draft = Draft([(7, 1)], Status.GAVE_UP, 0.5, expansions=3, reason="why")
-    (plan,) = checked_plans(reach, Batch.of(Problem(scene, reach)), [draft], "p")
+    raw_plan = RawPlan([(7, 1)], Status.GAVE_UP, 0.5, expansions=3, reason="why")
+    (plan,) = checked_plans(reach, Batch.of(Problem(scene, reach)), [raw_plan], "p")
     lifted = torch.zeros(1, 12, dtype=torch.bool)
     lifted[0, 10] = True
     (move,) = plan.moves

@@ -53,7 +53,7 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
             for cell in range(LAYOUT.n_cells)
         ]
     )
-    assert torch.equal(followed, surveyor.reach.lanes)
+    assert torch.equal(followed, surveyor.reach.allowed_sectors)
 
 
 def check_no_contact(surveyor: Surveyor, corridors: list[list[int]]) -> int:
@@ -72,7 +72,7 @@ def test_free_corridors_touch_nothing_a_sample(surveyor):
 @pytest.mark.slow
 def test_free_corridors_touch_nothing_all(surveyor):
     """Each of 1080 corridors with the widest object on each of the 17 other cells, empty and loaded."""
-    assert check_no_contact(surveyor, surveyor.reach.lanes.nonzero().tolist()) > 1500
+    assert check_no_contact(surveyor, surveyor.reach.allowed_sectors.nonzero().tolist()) > 1500
 
 
 def test_a_clearance_too_small_is_found_out(surveyor):

@@ -73,7 +73,7 @@ def test_the_presets_hold_the_arms_numbers(place):
 
 def test_a_sample_of_allowed_corridors_is_followed_and_touches_nothing(place):
     surveyor = Surveyor(place.arm, place.objects, place.layout)
-    lanes = surveyor.reach.lanes
+    lanes = surveyor.reach.allowed_sectors
     sample = [[cell, sector] for cell in range(len(lanes)) for sector in range(cell % 5, 60, 15) if lanes[cell, sector]]
     found = survey(surveyor, sample)
     assert [why for why in found.why.values() if why] == []
@@ -123,9 +123,9 @@ def test_a_short_plan_is_carried_out(name, places, tmp_path):
 def test_allowed_corridors_are_exactly_those_that_the_arm_follows_and_touch_nothing(name, places):
     place = places[name]
     surveyor = Surveyor(place.arm, place.objects, place.layout)
-    every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.lanes.shape)).tolist()
+    every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.allowed_sectors.shape)).tolist()
     found = survey(surveyor, every)
-    assert torch.equal(found.followed, surveyor.reach.lanes)
+    assert torch.equal(found.followed, surveyor.reach.allowed_sectors)
     assert found.not_blocked.nonzero().tolist() == []
 
 

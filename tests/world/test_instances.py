@@ -10,13 +10,12 @@ from safetensors.torch import save_file
 
 from dore.errors import InputError
 from dore.world.board import count, pack, unpack
-from dore.world.generator import Difficulty, FreshInstances
+from dore.world.generator import SPLITS, Difficulty, FreshInstances, split_share
 from dore.world.instances import FixedInstances, InstanceSet
 from dore.world.layout import Layout
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
-from dore.world.splits import SPLITS, split_share
 from tests.drawings import PUBLISHED, wide_hand
 
 REACH = wide_hand(4, 5)

@@ -148,7 +148,7 @@ def test_batch_equals_rows_one_by_one(rows: int, cols: int) -> None:
     together = reach.accessible(occupied)
     assert torch.equal(together, torch.cat([reach.accessible(occupied[b : b + 1]) for b in range(64)]))
     for cell in range(0, rows * cols, 7):
-        assert torch.equal(reach.free_cell(board, torch.full((64,), cell)), together[:, cell])
+        assert torch.equal(reach.cell_accessible(board, torch.full((64,), cell)), together[:, cell])
         sectors = reach.free_sectors(board, torch.full((64,), cell))
         assert torch.equal(sectors.any(-1), together[:, cell])
 
@@ -175,7 +175,7 @@ def test_the_arms_yaw_limit_rules_lanes_out() -> None:
     for cell, (x, y) in enumerate(layout.cells):
         yaw = math.degrees(math.atan2(y, x))
         expected = [abs(yaw + degrees) <= 10.0 + 1e-7 for degrees in reach.sectors_deg.tolist()]
-        assert reach.lanes[cell].tolist() == expected
+        assert reach.allowed_sectors[cell].tolist() == expected
     # A limit that no lane of the outer cells keeps makes them inaccessible on an empty board.
     narrow = Reach(layout, 0.1, 5.0, 11, max_yaw_deg=10.0)
     accessible = narrow.accessible(torch.zeros(1, 18, dtype=torch.bool))[0]
@@ -189,7 +189,7 @@ def test_the_arms_lateral_limit_rules_lanes_out() -> None:
         for sector, degrees in enumerate(reach.sectors_deg.tolist()):
             yaw = math.atan2(y, x) + math.radians(degrees)
             crossing = y - (x - (0.57 - 0.1)) * math.tan(yaw)
-            assert bool(reach.lanes[cell, sector]) == (abs(crossing) <= 0.15), (cell, degrees)
+            assert bool(reach.allowed_sectors[cell, sector]) == (abs(crossing) <= 0.15), (cell, degrees)
     assert reach.direction_deg(torch.zeros(1, 18, dtype=torch.bool), torch.tensor([0])).item() > 0
 
 
@@ -200,7 +200,7 @@ def test_limits_change_what_is_accessible_and_nothing_else() -> None:
     limited = Reach(layout, **WIDE_HAND, max_yaw_deg=12.0)  # type: ignore[arg-type]
     expected = torch.stack(
         [
-            (free.free_sectors(pack(occupied), torch.full((200,), cell)) & limited.lanes[cell]).any(-1)
+            (free.free_sectors(pack(occupied), torch.full((200,), cell)) & limited.allowed_sectors[cell]).any(-1)
             for cell in range(24)
         ],
         -1,
@@ -246,7 +246,7 @@ def test_parameters_come_back_from_files() -> None:
     for reach in (wide_hand(3, 6), Reach(layout, 0.1, 30.0, 60, 0.05, 0.2, 40.0)):
         back = Reach(layout, **reach.to_dict())
         assert back.to_dict() == reach.to_dict()
-        assert torch.equal(back.lanes, reach.lanes)
+        assert torch.equal(back.allowed_sectors, reach.allowed_sectors)
 
 
 @pytest.mark.slow

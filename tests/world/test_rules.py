@@ -100,7 +100,7 @@ def test_dense_boards_reach_the_rare_branch() -> None:
     """Some boards' only places open up with the lift; without any, the exhaustive test above would prove little."""
     board, target = random_boards(400, seed=1, dense=True)
     standing = board | bit(target, 1)
-    before = REACH.free(standing) & ~unpack(standing, G)
+    before = REACH.accessible_packed(standing) & ~unpack(standing, G)
     rare = pickable(REACH, board, target).any(-1) & ~before.any(-1)
     assert int(rare.sum()) > 20
     assert bool(legal_moves(REACH, board, target, board[:, None]).pick[rare].any())
@@ -186,7 +186,7 @@ def test_a_place_that_only_the_lift_opens_is_legal_and_one_behind_an_obstacle_is
     target = torch.tensor(cells_of(drawing, "T"))
     (behind,) = cells_of(drawing, "x")
     pick = torch.tensor(cells_of(drawing, "p"))
-    assert not bool(REACH.free(board | bit(target, 1))[0, behind])
+    assert not bool(REACH.accessible_packed(board | bit(target, 1))[0, behind])
     assert bool(legal_places(REACH, board, target, board[:, None], pick)[0, behind])
     far = torch.tensor(cells_of(drawing, "o"))
     outcome = transition(REACH, board, target, board[:, None], far, torch.tensor([behind]))

@@ -56,11 +56,11 @@ def corridor_differences(planned: Reach, own: Reach) -> str | None:
         own.staging_m, own.lateral_limit_m, own.max_yaw_deg,
     )  # fmt: skip
     in_fan = here.sectors_deg.abs() <= own.half_fan_deg + 1e-6
-    followed = here.lanes & in_fan
-    not_here = planned.lanes & ~followed
+    followed = here.allowed_sectors & in_fan
+    not_here = planned.allowed_sectors & ~followed
     needed, asked = unpack(here.blockers, own.n_cells), unpack(planned.blockers, own.n_cells)
-    narrower = planned.lanes & followed & (needed & ~asked).any(-1)
-    total = int(planned.lanes.sum())
+    narrower = planned.allowed_sectors & followed & (needed & ~asked).any(-1)
+    total = int(planned.allowed_sectors.sum())
     found = [
         f"{int(corridors.sum())} of its {total} corridors ({_ids(corridors.any(-1))}) {what}"
         for corridors, what in (
@@ -86,7 +86,8 @@ def cells_out_of_reach(layout: Layout, reach: Reach, kinematics: ArmKinematics) 
         cell
         for cell in range(layout.n_cells)
         if not any(
-            reach.lanes[cell, s] and _leads_to(kinematics, ready, layout.cells[cell], float(reach.sectors_deg[s]))
+            reach.allowed_sectors[cell, s]
+            and _leads_to(kinematics, ready, layout.cells[cell], float(reach.sectors_deg[s]))
             for s in order
         )
     )

@@ -1,11 +1,11 @@
-"""What the lanes say of each cell, against the definition worked out a cell at a time."""
+"""What the corridors say of each cell, against the definition worked out a cell at a time."""
 
 from __future__ import annotations
 
 import torch
 
+from dore.learn.corridor_features import LEVELS, N_PLANES, NEVER, SPARE, corridor_costs, corridor_planes
 from dore.learn.features import encode, n_planes
-from dore.learn.lane_features import LEVELS, N_PLANES, NEVER, SPARE, lane_costs, lane_planes
 from dore.planners.bounds import fewest_blocking
 from dore.world.board import bit, pack, unpack
 from dore.world.generator import Difficulty, FreshInstances
@@ -30,7 +30,7 @@ def test_one_obstacle_in_the_way():
         . . .
     """
     reach, board, target = drawn(drawing)
-    costs = lane_costs(reach, board, target)
+    costs = corridor_costs(reach, board, target)
     (obstacle,) = cells_of(drawing, "o")
     assert costs.now.tolist() == [1]
     assert costs.changed[0, obstacle] == 0, "gone, nothing is left to do"
@@ -40,23 +40,28 @@ def test_one_obstacle_in_the_way():
 
 def test_what_stands_before_the_obstacle_counts():
     reach, board, target = drawn("T\no\no\n.")
-    costs = lane_costs(reach, board, target)
+    costs = corridor_costs(reach, board, target)
     assert costs.now.tolist() == [2]
     assert costs.changed[0].tolist() == [3, 1, 1, 2], "one more in front, one less, one less; the target's own cell"
 
 
 def by_hand(reach: Reach, standing: set[int], target: int, cell: int | None) -> int:
     """`changed` of a cell (`now` where it is None), from the definition."""
-    lanes = [set(unpack(lane, reach.n_cells).nonzero().squeeze(-1).tolist()) for lane in reach.blocking_sets[:, target]]
-    fewest = min(len(standing & lane) for lane in lanes)
-    near = [lane for lane in lanes if len(standing & lane) <= fewest + SPARE]
+    corridors = [
+        set(unpack(corridor, reach.n_cells).nonzero().squeeze(-1).tolist())
+        for corridor in reach.blocking_sets[:, target]
+    ]
+    fewest = min(len(standing & corridor) for corridor in corridors)
+    near = [corridor for corridor in corridors if len(standing & corridor) <= fewest + SPARE]
     after = standing ^ {cell} if cell is not None else standing
-    return min(len(after & lane) + min(reaching(reach, standing, lane, target, cell), NEVER) for lane in near)
+    return min(
+        len(after & corridor) + min(reaching(reach, standing, corridor, target, cell), NEVER) for corridor in near
+    )
 
 
-def reaching(reach: Reach, standing: set[int], lane: set[int], target: int, cell: int | None) -> int:
-    """What it takes to get to the obstacles on one lane."""
-    others, wanted = standing - lane, standing & lane
+def reaching(reach: Reach, standing: set[int], corridor: set[int], target: int, cell: int | None) -> int:
+    """What it takes to get to the obstacles on one corridor."""
+    others, wanted = standing - corridor, standing & corridor
     if not wanted:
         return 0
     there = torch.zeros(1, reach.n_cells, dtype=torch.bool)
@@ -68,7 +73,7 @@ def reaching(reach: Reach, standing: set[int], lane: set[int], target: int, cell
         ways = [way.nonzero().squeeze(-1).tolist() for way in unpack(reach.blocking_sets[:, obstacle], reach.n_cells)]
         costs = []
         for way in ways:
-            beside = set(way) - lane
+            beside = set(way) - corridor
             cost = NEVER if target in way else sum(weight[blocker] for blocker in beside & others)
             if cell in beside:
                 cost += -weight[cell] if cell in standing else 1
@@ -81,7 +86,7 @@ def reaching(reach: Reach, standing: set[int], lane: set[int], target: int, cell
 def test_costs_are_those_of_the_definition():
     reach = wide_hand(5, 5)
     board, target = FreshInstances(reach, Difficulty(3, 12), "train", 3).draw(40)
-    costs = lane_costs(reach, board, target)
+    costs = corridor_costs(reach, board, target)
     for row in range(40):
         standing = set(unpack(board[row], 25).nonzero().squeeze(-1).tolist())
         goal = int(target[row])
@@ -93,7 +98,7 @@ def test_costs_are_those_of_the_definition():
 def test_blocking_is_the_fewest_on_a_lane_once_the_cell_is_changed():
     reach = wide_hand(8, 8)
     board, target = FreshInstances(reach, Difficulty(3, 13), "train", 1).draw(30)
-    costs = lane_costs(reach, board, target)
+    costs = corridor_costs(reach, board, target)
     for cell in range(64):
         changed = board ^ bit(torch.full_like(target, cell), 1)
         assert torch.equal(costs.blocking[:, cell].long(), fewest_blocking(reach, Batch(changed, target)))
@@ -102,24 +107,24 @@ def test_blocking_is_the_fewest_on_a_lane_once_the_cell_is_changed():
 def test_a_row_is_what_it_is_alone_and_shapes_fit():
     reach = wide_hand(4, 6)
     board, target = FreshInstances(reach, Difficulty(3, 9), "train", 2).draw(20)
-    planes = lane_planes(reach, board, target)
+    planes = corridor_planes(reach, board, target)
     assert planes.shape == (20, N_PLANES, 24)
     assert planes[:, : 4 * LEVELS].unflatten(1, (4, LEVELS)).sum(2).eq(1).all(), "one level of each cost"
-    alone = torch.cat([lane_planes(reach, board[row, None], target[row, None]) for row in range(20)])
+    alone = torch.cat([corridor_planes(reach, board[row, None], target[row, None]) for row in range(20)])
     assert torch.equal(planes, alone)
     mask = placeable(reach, board, target)
     assert encode(reach, board, target, mask, "lanes").shape[1] == n_planes("lanes", with_mask=True)
 
 
 def test_a_changed_cost_is_nearly_that_of_the_changed_board():
-    """Which lanes are near, and what can be reached, is not worked out again for each cell."""
+    """Which corridors are near, and what can be reached, is not worked out again for each cell."""
     reach = wide_hand(6, 6)
     board, target = FreshInstances(reach, Difficulty(3, 8), "train", 4).draw(200)
-    changed = lane_costs(reach, board, target).changed
+    changed = corridor_costs(reach, board, target).changed
     same = total = 0
     for cell in range(36):
         rows = target != cell
         after = board[rows] ^ bit(torch.full_like(target[rows], cell), 1)
-        same += int((lane_costs(reach, after, target[rows]).now == changed[rows, cell]).sum())
+        same += int((corridor_costs(reach, after, target[rows]).now == changed[rows, cell]).sum())
         total += int(rows.sum())
     assert same / total > 0.95
