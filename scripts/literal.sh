@@ -2,7 +2,7 @@
 # Carries on the paper's runs as printed, one after the other, for MINUTES on one core at the lowest priority:
 #   scripts/literal.sh 150
 # Each run goes on from its checkpoint; one that has ended is skipped. docs/results/literal/NAME.csv and NAME.json say how
-# far each is, and `python -m scripts.literal page` draws docs/results/literal.md from them at any time.
+# far each is, and `dore-report study=literal` draws docs/results/literal.md from them at any time.
 #   LITERAL_HOME: runs and checkpoints, also outside the checkout (outputs/literal). A checkpoint wants the code that wrote
 #   it: start this from a clone that stays as it is. RESULTS: the CSV files (docs/results/literal). BIN: the commands.
 #   ONLY: a pattern of the names of runs. MORE: further overrides of all runs.
@@ -44,7 +44,7 @@ run() {
     child=$!
     while kill -0 "$child" 2>/dev/null; do wait "$child" && code=0 || code=$?; done
     child=""
-    [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal rows "$folder" "$results/$name"
+    [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal_rows "$folder" "$results/$name"
     case $code in
     0 | 124 | 130) ;;
     *)

@@ -18,6 +18,9 @@ from dore.report.evaluation import COLUMNS as ROW_COLUMNS
 from dore.report.evaluation import ROWS
 
 DONE, METRICS, CONFIG, ABOUT = "done.json", "metrics.csv", "config.yaml", "about.json"
+EXECUTION, ARGUMENTS = "execution.json", "arguments.json"
+PUSHED_MM = 5.0
+"""An object that should not move was pushed if it moved by more than this."""
 CELL = ("metric", "row", "column", "n", "mean", "sd", "low", "high")
 TEXT = "text"
 """A column that a table of cells may have besides: shown instead of the numbers."""
@@ -29,10 +32,12 @@ class Source:
 
     rows: a row an instance and planner, a test of a training, or a line of a CSV file, with the names that the
     folder's pattern gives. runs: a row a folder, with everything in its config, about and done files, dotted.
+    world: the columns that, with `instance`, say which problem a row is of.
     """
 
     rows: pd.DataFrame
     runs: pd.DataFrame = field(default_factory=pd.DataFrame)
+    world: tuple[str, ...] = ()
 
 
 def folders(root: Path, pattern: str, wanted: str) -> Iterator[tuple[Path, dict[str, str]]]:
@@ -60,7 +65,9 @@ def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: dict[s
         about = _about(folder) | names
         runs.append(about)
         table = read_table(folder / ROWS, ROW_COLUMNS, text=("planner", "status", "reason", "timing"))
-        rows.append(table.assign(**names, **{name: about.get(key) for name, key in (keep or {}).items()}))
+        rows.append(
+            table.assign(folder=str(folder), **names, **{name: about.get(key) for name, key in (keep or {}).items()})
+        )
     if not rows:
         return Source(pd.DataFrame(columns=[*ROW_COLUMNS]))
     every = pd.DataFrame(runs)
@@ -120,11 +127,56 @@ def trainings(root: Path, pattern: str) -> Source:
     return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))
 
 
+def executions(root: Path, pattern: str) -> Source:
+    """Every execution of the folders of a pattern that ended, from its report; what was measured per move is reduced.
+
+    pushed: moves in which an object that should stand still moved by more than `PUSHED_MM`. faults, plans: how many a
+    closed loop noted. The folder of each kind of executions says in arguments.json what they are.
+    """
+    rows: list[dict[str, Any]] = []
+    kinds: dict[Path, dict[str, Any]] = {}
+    for folder, names in folders(root, pattern, EXECUTION):
+        report = read_json(folder / EXECUTION)
+        of_kind = root / pattern.partition("/")[0].format(**names)
+        kind = kinds.setdefault(of_kind, names | {"unfinished": 0} | _about(of_kind))
+        if report["finished"]:
+            rows.append(names | _execution(report))
+        else:
+            kind["unfinished"] += 1
+    frame = pd.DataFrame(rows)
+    for name in ("obstacles", "column"):
+        if name in frame:
+            frame[name] = frame[name].astype(int)
+    return Source(frame, pd.DataFrame(list(kinds.values())))
+
+
+def _execution(report: dict[str, Any]) -> dict[str, Any]:
+    """One row of `executions`."""
+    moves, events = pd.DataFrame(report["moves"]), [event["event"] for event in report["events"]]
+    disturbances = [event["text"] for event in report["events"] if event["event"] == "disturbance"]
+    worst = {name: moves[name].max() for name in ("others_moved_mm", "placement_error_mm", "tilt_deg") if name in moves}
+    return {
+        "disturbance": disturbances[0] if disturbances else "",
+        **{key: report[key] for key in ("outcome", "refused", "success", "claimed")},
+        "toppled": report["outcome"] == "toppled" or report["conditions"].get("all_upright") is False,
+        "moves": len(moves),
+        "pushed": int((moves["others_moved_mm"] > PUSHED_MM).sum()) if len(moves) else 0,
+        "faults": events.count("fault"),
+        "plans": events.count("plan"),
+        **worst,
+        "grasp_margin_mm": moves["grasp_margin_mm"].min() if len(moves) else 0.0,
+        **{key: report[key] for key in ("simulated_s", "rehearsal_s", "wall_s", "message")},
+    }
+
+
 def tables(folder: Path, pattern: str) -> Source:
     """CSV files, one below the other; a NAME.json beside NAME.csv gives columns that are the same in all its lines."""
     rows, runs = [], []
     for path in sorted(folder.glob(pattern)):
         about = read_json(path.with_suffix(".json")) if path.with_suffix(".json").exists() else {}
+        about = {
+            name: "" if value is None else value for name, value in about.items() if not isinstance(value, list | dict)
+        }
         about["file"] = path.stem
         runs.append(about)
         table = read_table(path, (), text=None)
@@ -135,7 +187,7 @@ def tables(folder: Path, pattern: str) -> Source:
 def _about(folder: Path) -> dict[str, Any]:
     """Everything that a run's own files say of it, under dotted names."""
     found: dict[str, Any] = {}
-    for name, prefix in ((CONFIG, "config"), (ABOUT, "about"), (DONE, "done")):
+    for name, prefix in ((CONFIG, "config"), (ABOUT, "about"), (DONE, "done"), (ARGUMENTS, "arguments")):
         path = folder / name
         if path.exists():
             content = yaml.safe_load(path.read_text(encoding="utf-8")) if name == CONFIG else read_json(path)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from importlib import import_module
 
 import pandas as pd
+from scipy import stats
 
 from dore.errors import InputError
 from dore.report import estimates
@@ -114,6 +115,16 @@ def percentiles(rows: pd.DataFrame, of: str) -> Estimate:
 def mean_and_range(rows: pd.DataFrame, of: str) -> Estimate:
     """The mean, the lowest and the highest."""
     return estimates.spread(values(rows, of))
+
+
+def slope(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """By how much `of` grows with `to`: the slope of the least squares' line."""
+    return Estimate(len(rows), float(stats.linregress(values(rows, to), values(rows, of)).slope))
+
+
+def intercept(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """What is left of `of` where `to` is 0, on the least squares' line."""
+    return Estimate(len(rows), float(stats.linregress(values(rows, to), values(rows, of)).intercept))
 
 
 def total(rows: pd.DataFrame, of: str) -> Estimate:

@@ -25,12 +25,14 @@ PAGE = """\
 {% endfor %}
 {% for one in study.tables if not one.get('hidden') and one.name in shown %}
 
+{% if one.get('title', one.name) %}
 ## {{ one.get('title') or one.name[0]|upper ~ one.name[1:] }}
-{% if one.get('note') %}
 
-{{ text(one.note) }}
 {% endif %}
+{% if one.get('note') %}
+{{ text(one.note) }}
 
+{% endif %}
 {{ table(one.name) }}
 {% endfor %}
 """
@@ -64,14 +66,14 @@ def render(spec: Spec, cells: pd.DataFrame, facts: Mapping[str, Any], sources: M
             raise InputError(f"{spec['title']}: template {template.strip()[:40]!r}: {error}") from None
 
     view |= {"text": text, "head": text(spec.get("head", ""))}
-    return text(spec.get("page", PAGE)) + "\n"
+    lines = text(spec.get("page", PAGE)).split("\n")
+    return "\n".join(line.rstrip() for line in lines) + "\n"
 
 
 def _table(spec: Spec, name: str) -> Spec:
-    for one in spec["tables"]:
-        if one["name"] == name:
-            found: Spec = one
-            return found
+    for one in sorted(spec["tables"], key=lambda one: "split" in one):
+        if one["name"] == name or "split" in one:
+            return {**one, "name": name}
     raise KeyError(f"no table {name!r}")
 
 
@@ -90,7 +92,7 @@ def table_of(cells: pd.DataFrame, table: Spec) -> str:
     metric that is 1 where a cell gets a star, and the name of that metric's row).
     """
     mine = cells[cells.metric == table["name"]]
-    titles = {str(key): title for key, title in table.get("columns", {}).items()}
+    titles = {str(key): str(title) for key, title in table.get("columns", {}).items()}
     columns = [column for column in titles if column in set(mine.column)]
     columns += [column for column in dict.fromkeys(mine.column) if column not in titles]
     places = {(one["row"], one["column"]): one for one in mine.to_dict("records")}

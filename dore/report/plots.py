@@ -89,7 +89,7 @@ def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fi
         mine = mine[mine.x.notna()]
         styles = _styles(spec, list(dict.fromkeys(mine["row"])))
         for place, (row, line) in enumerate(mine.groupby("row", sort=False)):
-            _line(one, str(row), line, styles[str(row)], place)
+            _line(one, str(row), line, styles[str(row)], place, spec.get("band", True))
         if panel.get("log"):
             one.set_yscale("log")
             one.set_ylim(bottom=0.5 * mine["mean"].min())
@@ -121,7 +121,7 @@ def _is_papers(row: str) -> bool:
     return row.startswith("paper")
 
 
-def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place: int) -> None:
+def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place: int, band: bool) -> None:
     colour, dashes = look
     if _is_papers(row):
         # Two rows of the paper stand a little apart, so that their bars do not overlap.
@@ -132,7 +132,8 @@ def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place
         )  # fmt: skip
         return
     axes.plot(line.x, line["mean"], color=colour, lw=1.4, ls=dashes, marker="o", ms=3, label=row)
-    axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.18, lw=0)
+    if band:
+        axes.fill_between(line.x, line.low, line.high, color=colour, alpha=0.18, lw=0)
 
 
 def _curves(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:

@@ -12,8 +12,10 @@ import pandas as pd
 from dore.errors import InputError
 from dore.files import atomic_write
 from dore.report import page, plots
+from dore.report.facts import facts_of
 from dore.report.frame import Source, read_cells, read_json, write_cells
-from dore.report.study import cells_of, facts_of, sources_of
+from dore.report.sources import sources_of
+from dore.report.study import cells_of
 
 Spec = Mapping[str, Any]
 
@@ -33,7 +35,12 @@ def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     sources, cells, facts = read(spec, name, root, results)
     results.mkdir(parents=True, exist_ok=True)
     if _has_runs(sources):
-        write_cells(results / f"{name}.csv", cells)
+        kept = {one: source["kept_in"] for one, source in spec["sources"].items() if "kept_in" in source}
+        for one, file_name in kept.items():
+            with atomic_write(results / file_name) as file:
+                sources[one].rows.to_csv(file, index=False, lineterminator="\n")
+        if not kept:
+            write_cells(results / f"{name}.csv", cells)
         with atomic_write(results / f"{name}.json") as file:
             json.dump(facts, file, indent=2)
             file.write("\n")
@@ -62,11 +69,16 @@ def read(
         )
         raise InputError(f"folder: no run in {root}, want some like {wanted}")
     if _tables(sources):
-        return sources, cells_of(spec, sources), known | facts_of(spec, sources)
+        return sources, cells_of(spec, sources), facts_of(_without(spec, known), sources) | known
     return sources, read_cells(results / f"{name}.csv"), known
 
 
-KINDS = ("evaluations", "trainings")
+KINDS = ("evaluations", "trainings", "executions")
+
+
+def _without(spec: Spec, known: Mapping[str, Any]) -> Spec:
+    """The study, but for the facts that are known."""
+    return {**spec, "facts": {name: fact for name, fact in spec.get("facts", {}).items() if name not in known}}
 
 
 def _has_runs(sources: Mapping[str, Source]) -> bool:

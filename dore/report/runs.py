@@ -31,11 +31,13 @@ class Job:
     words: tuple[str, ...]
     makes: Path
     model: Path | None = None
+    again: bool = False
+    """A program that sees for itself what is done, and is started each time."""
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to do; an evaluation of weights that have changed since is not done."""
-        return self.makes.exists() and not self.outdated
+        return self.makes.exists() and not self.outdated and not self.again
 
     @property
     def outdated(self) -> bool:
@@ -96,7 +98,14 @@ def _job(kind: str, entry: Spec, names: Spec, root: Path) -> Job:
     words = tuple(_words(entry.get("overrides", []), shown | {"root": root, "folder": folder}))
     model = _filled(entry["model"], shown | {"root": root}) if "model" in entry else None
     makes = folder / {"train": DONE, "evaluate": ROWS}.get(kind, str(entry.get("makes", "")))
-    return Job(kind, folder, (*words, f"model={model}") if model else words, makes, Path(model) if model else None)
+    return Job(
+        kind,
+        folder,
+        (*words, f"model={model}") if model else words,
+        makes,
+        Path(model) if model else None,
+        bool(entry.get("again")),
+    )
 
 
 def _words(templates: list[str], names: Spec) -> Iterator[str]:

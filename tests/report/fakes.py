@@ -29,10 +29,11 @@ def study(name: str) -> dict[str, Any]:
     return found
 
 
-def rows_of(
-    planner: str, *moves: int | None, seconds: Sequence[float] = (), reason: str = "move budget", z: int = 3
-) -> list[Row]:
-    """A row an instance: its moves, None for a planner that gave up, NO_PLAN for a proof that there is no plan."""
+def rows_of(planner: str, *moves: int | None, seconds: Sequence[float] = (), text: str = "", z: int = 3) -> list[Row]:
+    """A row an instance: its moves, None for a planner that gave up, NO_PLAN for a proof that there is no plan.
+
+    text: the reason in every row; without one a row that is not solved has hit the move budget.
+    """
     status = {None: Status.GAVE_UP, NO_PLAN: Status.UNSOLVABLE}
     seconds = seconds or (0.5,) * len(moves)
     return [
@@ -42,7 +43,7 @@ def rows_of(
             36,
             z,
             status.get(m, Status.SOLVED),
-            "" if m else reason,
+            text or ("" if m else "move budget"),
             m or 0,
             seconds[n - 1],
             0,

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import json
+import shutil
 
+import pandas as pd
 import pytest
 
 from dore.errors import InputError
-from scripts import bench_execution, execution_report, execution_time, executions
+from dore.report import frame, results
+from scripts import bench_execution, executions
+from tests.report.fakes import study
 
 pytestmark = pytest.mark.sim
 
@@ -23,10 +26,12 @@ def folder(tmp_path_factory):
 
 
 def test_reports_lie_where_they_are_looked_for(folder):
-    runs = list(execution_report.read("open", folder / "learned"))
-    assert [(run.obstacles, run.number) for run in runs] == [(3, "000"), (3, "001")]
-    assert all(run.success and not run.refused for run in runs)
-    assert all(run.grasp_margin_mm > 0 and run.simulated_s > 3 for run in runs)
+    rows = frame.executions(folder, "{planner}/z{column}/{instance}").rows
+    mine = rows[rows.planner == "learned"]
+    assert list(zip(mine.column, mine.instance, strict=True)) == [(3, "000"), (3, "001")]
+    assert (mine.success & ~mine.refused).all()
+    assert (mine.grasp_margin_mm > 0).all()
+    assert (mine.simulated_s > 3).all()
 
 
 def test_what_is_done_is_skipped_and_what_is_not_finished_is_not(folder, capsys):
@@ -42,28 +47,25 @@ def test_what_is_done_is_skipped_and_what_is_not_finished_is_not(folder, capsys)
 
 
 def test_the_page_counts_runs_and_names_those_that_failed(folder, tmp_path):
-    execution_report.main(tmp_path / "page", "a command", {"One": folder / "learned", "Two": folder / "straight_line"})
-    page = (tmp_path / "page.md").read_text()
-    assert "## One" in page
+    spec, runs = study("execution"), tmp_path / "runs"
+    shutil.copytree(folder / "straight_line", runs / "open")
+    path = runs / "open" / "z3" / "001" / "execution.json"
+    page = results.write(spec, "execution", runs, tmp_path).read_text(encoding="utf-8")
+    assert "## Open loop" in page
     assert "Every run succeeded." in page
-    with (tmp_path / "page.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == 4
-    path = folder / "straight_line" / "z3" / "001" / "execution.json"
+    assert len(pd.read_csv(tmp_path / "execution.csv")) == 2
     report = json.loads(path.read_text())
     path.write_text(json.dumps({**report, "success": False, "outcome": "dropped", "message": "lost it"}))
-    execution_report.main(tmp_path / "page", "a command", {"Two": folder / "straight_line"})
-    assert "3 obstacles, run 001: dropped: lost it" in (tmp_path / "page.md").read_text()
-    path.write_text(json.dumps(report))
+    page = results.write(spec, "execution", runs, tmp_path).read_text(encoding="utf-8")
+    assert "3 obstacles, run 001: dropped: lost it" in page
+    assert "| all | 2 | 0 | 50.0 [" in page
 
 
 def test_execution_time_compares_the_same_scenes(folder, tmp_path):
-    execution_time.main(tmp_path / "time", folder / "straight_line", folder / "learned")
-    page = (tmp_path / "time.md").read_text()
+    page = results.write(study("execution_time"), "execution_time", folder, tmp_path).read_text(encoding="utf-8")
+    assert "2 scenes carried out by both; 0 left out" in page
     assert "| paper: baseline | 170 (48) |" in page
-    assert "| paper | 60.2 | 36.6 |" in page
-    assert (tmp_path / "time.png").stat().st_size > 1000
-    with pytest.raises(InputError, match="not of the same scenes"):
-        execution_time.main(tmp_path / "time", folder / "straight_line", folder / "none")
+    assert (tmp_path / "execution_time.png").stat().st_size > 1000
 
 
 def test_too_few_scenes_are_bad_input():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import subprocess
@@ -10,43 +9,64 @@ from pathlib import Path
 
 import pytest
 
-from scripts.literal import COLUMNS, Run, Test, lines_of, main, read_runs, write_run
+from dore.report import results
+from scripts.literal_rows import main
 from tests.commands import TINY
+from tests.report.fakes import study, training
 
 ROOT = Path(__file__).parents[2]
 
 
-def a_run(**changes) -> Run:
-    tests = (Test(1000, 1000, 0.1, 0.1, 62.5, 0.5, 0.9, 0), Test(12000, 12000, 0.4, 0.4, 91.0, 0.5, 0.5, 1))
-    tests += (Test(30000, 30000, 1.0, 1.0, 40.0, 0.5, 0.1, 3),)
-    plain = {"name": "sequential_6x6_z3-8_seed0", "structure": "sequential", "column": "6x6_z3-8", "seed": 0}
-    plain |= {"reading": "", "t_lim": 30000, "t_lim_updates": 30000, "copy_every": 10000, "commit": "abc"}
-    return Run(**(plain | {"ending": "budget", "tests": tests} | changes))
+def run_folder(folder: Path, *tests: tuple[float, ...], column: str = "6x6_z3-8", **done: object) -> Path:
+    """A run of 30,000 episodes, whose targets are copied every 10,000 updates."""
+    size, _, obstacles = column.partition("_z")
+    low, high = map(int, obstacles.split("-"))
+    training(
+        folder,
+        agent={"_target_": "dore.learn.agents.Sequential"},
+        layout=dict(zip(("rows", "cols"), map(int, size.split("x")), strict=True)),
+        instances={"min_obstacles": low, "max_obstacles": high},
+        training={"max_episodes": 30000, "update_after": "episode", "updates": 1},
+        target_update={"value_network_update_interval": 9999},
+        ipt={"every_episodes": 1000},
+    )
+    lines = ["episodes,updates,success,loss,epsilon", *(",".join(map(str, one)) for one in tests)]
+    (folder / "metrics.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / "done.json").unlink()
+    if done:
+        (folder / "done.json").write_text(json.dumps(done), encoding="utf-8")
+    return folder
 
 
-def test_what_is_written_is_read_again(tmp_path):
-    runs = [a_run(), a_run(name="b", reading="natural", ending=None), a_run(name="c", column="6x6_z3-5", tests=())]
-    for run in runs:
-        write_run(run, tmp_path / "literal" / run.name)
-    assert read_runs(tmp_path / "literal") == [runs[2], runs[0], runs[1]]
-    with open(tmp_path / "literal" / "b.csv", encoding="utf-8") as file:
-        assert tuple(next(csv.reader(file))) == COLUMNS
-    assert main(["page", str(tmp_path / "literal")]) == 0
+TESTS = ((1000, 1000, 0.625, 0.5, 0.9), (12000, 12000, 0.91, 0.5, 0.5), (30000, 30000, 0.4, 0.5, 0.1))
+
+
+def page(tmp_path: Path) -> str:
+    return results.write(study("literal"), "literal", None, tmp_path).read_text(encoding="utf-8")
+
+
+def test_the_page_tells_last_from_best_and_how_far_a_run_is(tmp_path):
+    for name, tests, done in (
+        ("sequential_6x6_z3-8_seed0", TESTS, {"ending": "budget"}),
+        ("sequential_6x6_z3-8_natural_seed0", TESTS[:2], {}),
+        ("sequential_6x6_z3-8_step_seed0", (), {}),
+    ):
+        folder = run_folder(tmp_path / "runs" / name, *tests, **done)
+        assert main([str(folder), str(tmp_path / "literal" / name)]) == 0
+    lines = [line for line in page(tmp_path).splitlines() if line.startswith("| sequential")]
+    head = "| sequential | 6x6, 3-8 | 0 |"
+    assert lines == [
+        f"{head} as printed | 95 | 40.0 | 91.0 (12,000) | 30,000 | 100.0 % | 3 | at T_lim |",
+        f"{head} natural | 95 | 91.0 | 91.0 (12,000) | 12,000 | 40.0 % | 1 | under way |",
+        f"{head} step | 95 | - | - | 0 | 0 % | 0 | fills its replay |",
+    ]
     assert (tmp_path / "literal.png").stat().st_size > 20_000
-    assert len((tmp_path / "literal.md").read_text(encoding="utf-8").splitlines()) == len(lines_of(runs, "literal"))
 
 
-def test_the_page_tells_last_from_best_and_how_far_a_run_is():
-    row = lines_of([a_run()], "literal")[-3]
-    assert "| 95 | 40.0 | 91.0 (12,000) | 30,000 | 100.0 % | 3 | at T_lim |" in row
-    unfinished = a_run(ending=None, tests=a_run().tests[:2])
-    assert "| 91.0 | 91.0 (12,000) | 12,000 | 40.0 % | 1 | under way |" in lines_of([unfinished], "literal")[-3]
-
-
-def test_nothing_to_draw_is_one_line(tmp_path, capsys):
-    assert main(["page", str(tmp_path / "none")]) == 2
+def test_what_is_no_run_is_one_line(tmp_path, capsys):
+    assert main([str(tmp_path), str(tmp_path / "name")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "holds no run" in line
+    assert "is no run folder" in line
 
 
 @pytest.mark.slow

@@ -1,0 +1,88 @@
+"""What a page's prose says of its runs: commits, versions, seeds, counts, and what each run changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from dore.errors import InputError
+from dore.report.frame import Source
+from dore.report.sources import Spec, chosen, names_in
+
+
+def facts_of(spec: Spec, sources: Mapping[str, Source]) -> dict[str, Any]:
+    """What the page's prose needs to know of the runs: commits, seeds, and what else the study's `facts` name."""
+    runs = [source.runs for source in sources.values() if not source.runs.empty]
+    every = pd.concat(runs, ignore_index=True) if runs else pd.DataFrame()
+    found: dict[str, Any] = {
+        "commit": _unique(every, "about.commit"),
+        "torch": _unique(every, "about.versions.torch"),
+    }
+    for name, fact in spec.get("facts", {}).items():
+        source = sources[fact["from"]]
+        if "run" in fact:
+            found[name] = _unique(source.runs, fact["run"])
+            continue
+        if "lines" in fact:
+            found[name] = _lines(f"facts.{name}", source.runs, fact)
+            continue
+        if "changes" in fact:
+            found[name] = _changes(source.runs, fact)
+            continue
+        rows = chosen(f"facts.{name}", source.rows, fact["where"]) if "where" in fact else source.rows
+        if "by" in fact:
+            found[name] = "-".join(map(str, sorted(set(rows.groupby(fact["by"]).size()))))
+        else:
+            found[name] = len(rows)
+    return found
+
+
+def _lines(name: str, runs: pd.DataFrame, fact: Spec) -> list[str] | dict[str, str]:
+    """A line a run, each once, or by a name of the run; `0[config.seed]` is the run's value of that key."""
+    if runs.empty:
+        return []
+    some = chosen(f"{name}.where", runs, fact["where"]) if "where" in fact else runs
+    try:
+        lines = {
+            str(one.get(fact.get("by"), number)): fact["lines"].format(one)
+            for number, one in enumerate(some.to_dict("records"))
+        }
+    except (KeyError, ValueError) as error:
+        raise InputError(f"{name}: {fact['lines']!r}: {error}") from None
+    return lines if "by" in fact else list(dict.fromkeys(lines.values()))
+
+
+def _changes(runs: pd.DataFrame, fact: Spec) -> list[str]:
+    """For each run what its config sets differently than the run that is like it but for `from_run`.
+
+    Raises:
+        InputError: there is no such run.
+    """
+    if runs.empty:
+        return []
+    names, plain = names_in(fact["changes"]), fact["from_run"]
+    keys = [key for key in runs if key.startswith(tuple(f"config.{one}." for one in fact["keys"]))]
+    found = []
+    for at, group in runs.groupby(names, sort=True):
+        one = dict(zip(names, at, strict=True))
+        base = runs[(runs[names] == pd.Series(one | plain)).all(axis=1)]
+        if base.empty:
+            raise InputError(f"{fact['changes'].format(**one)}: no run to compare it with ({plain})")
+        was, now = base.iloc[0], group.iloc[0]
+        changed = [key for key in keys if str(was[key]) != str(now[key]) and not key.startswith("config.training.max_")]
+        shown = [f"`{key.removeprefix('config.')}: {_shown(was[key])} -> {_shown(now[key])}`" for key in changed]
+        found += [f"{fact['changes'].format(**one)}: {', '.join(shown)}"] if shown else []
+    return found
+
+
+def _shown(value: Any) -> str:
+    """A config's value; a dash where the config has none."""
+    return "-" if isinstance(value, float) and value != value else str(value)
+
+
+def _unique(runs: pd.DataFrame, key: str) -> str:
+    """Every value of a column, in order, as one text."""
+    values = runs[key].dropna().unique() if key in runs else []
+    return ", ".join(sorted({f"{value:g}" if isinstance(value, float) else str(value) for value in values}))

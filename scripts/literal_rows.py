@@ -1,0 +1,86 @@
+"""What a literal run has done so far, as docs/results/literal/NAME.csv and NAME.json (scripts/literal.sh calls this).
+
+python -m scripts.literal_rows RUN docs/results/literal/NAME
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dore.app.run_folder import read_config
+from dore.errors import InputError
+from dore.files import atomic_write
+from dore.report.frame import ABOUT, DONE, METRICS, read_json, read_table
+
+MOST_ROWS = 1100
+"""Tests of a run in its CSV file, evenly spaced; the last one always."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write both files; the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, help="the run's folder")
+    parser.add_argument("out", type=Path, help="the files' path, without .csv and .json")
+    chosen = parser.parse_args(arguments)
+    try:
+        about, tests = run_of(chosen.run)
+    except InputError as error:
+        print(f"literal_rows: {error}", file=sys.stderr)
+        return 2
+    chosen.out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(f"{chosen.out}.csv") as file:
+        tests.to_csv(file, index=False, lineterminator="\n")
+    with atomic_write(f"{chosen.out}.json") as file:
+        json.dump(about, file, indent=2)
+        file.write("\n")
+    return 0
+
+
+def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
+    """What a run is, and its tests (IPTs).
+
+    t_lim: episodes. t_lim_updates: updates in these, an estimate where each step is followed by one. copy_every:
+    updates between two copies of the targets. reading: what the run changes of the paper's preset. ending: null while
+    it runs.
+
+    Raises:
+        InputError: no run folder, or a damaged one.
+    """
+    cfg = read_config(folder, ("agent", "layout", "instances", "training", "target_update", "seed"))
+    tests = read_table(folder / METRICS, ("episodes", "updates", "success", "loss", "epsilon"), text=())
+    tests = tests[tests.success.notna()].astype({"episodes": int, "updates": int})
+    every, t_lim = cfg.target_update.value_network_update_interval + 1, cfg.training.max_episodes
+    a_step = cfg.training.update_after == "step" and len(tests)
+    ratio = tests.updates.iloc[-1] / tests.episodes.iloc[-1] if a_step else cfg.training.updates
+    rows = pd.DataFrame(
+        {
+            "episodes": tests.episodes,
+            "updates": tests.updates,
+            "share_of_episodes": (tests.episodes / t_lim).round(6),
+            "share_of_updates": (tests.updates / (t_lim * ratio)).round(6),
+            "ipt": (100 * tests.success).round(3),
+            "loss": tests.loss.round(5),
+            "epsilon": tests.epsilon.round(4),
+            "target_copies": tests.updates // every,
+        }
+    )
+    thin = -(-t_lim // cfg.ipt.every_episodes // MOST_ROWS)
+    kept = pd.concat([rows.iloc[thin - 1 :: thin], rows.tail(1)]).drop_duplicates()
+    structure = "single" if cfg.agent._target_.endswith(".Single") else "sequential"
+    column = f"{cfg.layout.rows}x{cfg.layout.cols}_z{cfg.instances.min_obstacles}-{cfg.instances.max_obstacles}"
+    reading = folder.name.removeprefix(f"{structure}_{column}").removesuffix(f"seed{cfg.seed}").strip("_")
+    found = {"name": folder.name, "structure": structure, "column": column, "seed": cfg.seed, "reading": reading}
+    found |= {"t_lim": t_lim, "t_lim_updates": round(t_lim * ratio), "copy_every": every}
+    commit, done = (read_json(folder / name) if (folder / name).exists() else {} for name in (ABOUT, DONE))
+    return found | {"commit": commit.get("commit"), "ending": done.get("ending")}, kept
+
+
+if __name__ == "__main__":
+    sys.exit(main())
