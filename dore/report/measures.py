@@ -118,13 +118,18 @@ def mean_and_range(rows: pd.DataFrame, of: str) -> Estimate:
 
 
 def slope(rows: pd.DataFrame, of: str, to: str) -> Estimate:
-    """By how much `of` grows with `to`: the slope of the least squares' line."""
-    return Estimate(len(rows), float(stats.linregress(values(rows, to), values(rows, of)).slope))
+    """By how much `of` grows with `to`: the slope of the least squares' line; nan where `to` is always the same."""
+    return _line(rows, of, to, "slope")
 
 
 def intercept(rows: pd.DataFrame, of: str, to: str) -> Estimate:
-    """What is left of `of` where `to` is 0, on the least squares' line."""
-    return Estimate(len(rows), float(stats.linregress(values(rows, to), values(rows, of)).intercept))
+    """What is left of `of` where `to` is 0, on the least squares' line; nan where `to` is always the same."""
+    return _line(rows, of, to, "intercept")
+
+
+def _line(rows: pd.DataFrame, of: str, to: str, what: str) -> Estimate:
+    x, y = values(rows, to), values(rows, of)
+    return Estimate(len(rows), float(getattr(stats.linregress(x, y), what)) if x.nunique() > 1 else math.nan)
 
 
 def total(rows: pd.DataFrame, of: str) -> Estimate:
