@@ -26,9 +26,9 @@ def main(out: Path, seconds: str) -> None:
         lines.append(
             [
                 summary.planner,
-                f"{100 * success.value:.1f} % of {summary.instances} solved "
+                f"{100 * success.mean:.1f} % of {summary.instances} solved "
                 f"[{100 * success.low:.1f}, {100 * success.high:.1f}], "
-                f"{moves.value:.2f} rearrangements, p50 {summary.planning_p50_ms:.1f} ms",
+                f"{moves.mean:.2f} rearrangements, p50 {summary.planning_p50_ms:.1f} ms",
             ]
         )
     lines.append(["plan", f"{plan['status']}, {len(plan['moves'])} moves in {1000 * plan['planning_s']:.1f} ms"])

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 import torch
 
 from dore.files import commit
-from dore.report.intervals import Interval, wilson
+from dore.report.estimates import Estimate, share
 from dore.report.tables import Table, as_markdown
 from scripts.failures_found import PROOF_S, Board, Column
 
@@ -44,7 +44,7 @@ def _section(column: Column) -> list[str]:
     failed, boards = column.failed, column.boards
     head = (
         f"{column.drawn} boards, {len(boards)} can be solved, {column.undecided} are undecided. The network fails on "
-        f"{len(failed)} of those that can be solved: {_percent(wilson(len(failed), len(boards)))} %."
+        f"{len(failed)} of those that can be solved: {_percent(share(len(failed), len(boards)))} %."
     )
     if not failed:
         return [head]
@@ -68,15 +68,15 @@ def explanation(boards: Sequence[Board]) -> str:
     failed = [board for board in boards if board.ending]
     above, below = [one for one in boards if one.above], [one for one in boards if not one.above]
     lost = sum(board.above for board in failed)
-    of_failed, of_all = wilson(lost, len(failed)), wilson(len(above), len(boards))
-    rate, other = wilson(lost, len(above)), wilson(len(failed) - lost, len(below))
+    of_failed, of_all = share(lost, len(failed)), share(len(above), len(boards))
+    rate, other = share(lost, len(above)), share(len(failed) - lost, len(below))
     counted = (
         f"The optimum is above `now` on {lost} of {len(failed)} failures ({_percent(of_failed)} %), and on "
         f"{len(above)} of all {len(boards)} boards ({_percent(of_all)} %). The network fails on {_percent(rate)} % of "
         f"such boards, and on {_percent(other)} % of the others"
     )
-    counted += f": {rate.value / other.value:,.0f} times as often." if other.value and rate.value else "."
-    if of_failed.low > of_all.high and of_failed.value > 0.5:
+    counted += f": {rate.mean / other.mean:,.0f} times as often." if other.mean and rate.mean else "."
+    if of_failed.low > of_all.high and of_failed.mean > 0.5:
         return (
             f"{counted} So this is what most failures are: the costs, which look two levels of lanes deep, promise "
             "progress that is not there, and the network, which sees the distance through them, wanders."
@@ -96,7 +96,7 @@ def _over(boards: Sequence[Board], name: str, value: Callable[[Board], int]) -> 
             _share(every[one], every.total()),
             str(failed[one]),
             _share(failed[one], failed.total()),
-            _percent(wilson(failed[one], every[one])),
+            _percent(share(failed[one], every[one])),
         ]
         for one in sorted(every)
     ]
@@ -118,7 +118,7 @@ def _mistakes(failed: Sequence[Board]) -> list[str]:
     after = Counter(_lost(one.optimum, one.after) for one in mistakes)
     return [
         f"The first move after which no plan of one move fewer is proved; on {above} of these {len(mistakes)} boards "
-        f"({_percent(wilson(above, len(mistakes)))} %) the optimum is above `now` when it is made.",
+        f"({_percent(share(above, len(mistakes)))} %) the optimum is above `now` when it is made.",
         "",
         as_markdown([["first such move", "failures", "%"], *_counted(numbers)]),
         "",
@@ -141,8 +141,8 @@ def _share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.1f}" if whole else "-"
 
 
-def _percent(share: Interval) -> str:
+def _percent(share: Estimate) -> str:
     """`83.8 [75.4, 89.8]`."""
-    if share.value != share.value:
+    if share.mean != share.mean:
         return "-"
-    return f"{100 * share.value:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}]"
+    return f"{100 * share.mean:.1f} [{100 * share.low:.1f}, {100 * share.high:.1f}]"

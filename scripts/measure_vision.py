@@ -19,7 +19,7 @@ from tqdm import trange
 
 from dore.errors import InputError, seed_of, whole
 from dore.files import atomic_write, commit
-from dore.report.intervals import percentile, wilson
+from dore.report.estimates import share
 from dore.report.tables import Table, as_markdown
 from dore.sim.config import preset
 from dore.sim.scene.agent import render_backend
@@ -160,13 +160,13 @@ def _table(scores: dict[str, Score]) -> Table:
 
 
 def _share(right: int, of: int) -> str:
-    interval = wilson(right, of)
+    interval = share(right, of)
     return f"{right} of {of} [{100 * interval.low:.1f}, {100 * interval.high:.1f}] %"
 
 
 def _error(values: list[float]) -> str:
     sizes = [abs(value) for value in values]
-    return f"{fmean(sizes):.2f} / {percentile(sizes, 95):.2f}" if sizes else "-"
+    return f"{fmean(sizes):.2f} / {np.percentile(sizes, 95):.2f}" if sizes else "-"
 
 
 if __name__ == "__main__":

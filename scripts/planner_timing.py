@@ -11,13 +11,13 @@ from statistics import median
 from typing import NamedTuple
 
 import hydra
+import numpy as np
 from omegaconf import DictConfig
 from tqdm import tqdm
 
 from dore.app import build
 from dore.files import conf_dir
 from dore.planners.base import Planner
-from dore.report.intervals import percentile
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan
@@ -97,7 +97,7 @@ def about(size: Size) -> str:
 
 def spread(values: Sequence[float], percents: Sequence[int]) -> list[str]:
     """Percentiles, to read; the 100th is the most."""
-    return [f"{max(values) if percent == 100 else percentile(values, percent):.1f}" for percent in percents]
+    return [f"{np.percentile(values, percent):.1f}" for percent in percents]
 
 
 def share(part: int, whole: int) -> str:

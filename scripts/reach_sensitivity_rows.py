@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from dore.errors import InputError
 from dore.files import atomic_write
-from dore.report.intervals import mean_interval
+from dore.report.estimates import mean as estimate
 from scripts.paper_rows import REARRANGEMENTS
 
 GRID, CHECK = "grid", "check"
@@ -112,14 +112,14 @@ def make_row(stage: str, seed: int, board: str, point: Point, obstacles: int, mo
     tried = [one for one in moves if one.tried]
     both = [(a, b) for a, b, _ in tried if a is not None and b is not None]
     baseline = [b for _, b in both]
-    ours, theirs = mean_interval(optimum), mean_interval(baseline)
+    ours, theirs = estimate(optimum), estimate(baseline)
     paper = REARRANGEMENTS[board]
     dqn, base = paper["dqn"][obstacles], paper["baseline"][obstacles]
     return Row(
         stage, seed, board, point.clearance_m, point.half_fan_deg, sectors_of(point.half_fan_deg), point.corridor_m,
         point.avoid_corridors, obstacles,
-        len(moves), len(optimum) / len(moves), ours.value, _sd(optimum), ours.low, ours.high,
-        len(tried), len(both) / len(tried), theirs.value, _sd(baseline), theirs.low, theirs.high,
+        len(moves), len(optimum) / len(moves), ours.mean, _sd(optimum), ours.low, ours.high,
+        len(tried), len(both) / len(tried), theirs.mean, _sd(baseline), theirs.low, theirs.high,
         fmean([a for a, _ in both]) if both else math.nan,
         dqn.mean, dqn.sd, base.mean, base.sd,
     )  # fmt: skip

@@ -7,9 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import stdev
 
+import numpy as np
+
 from dore.errors import InputError
+from dore.report import estimates
+from dore.report.estimates import Estimate
 from dore.report.evaluation import Row
-from dore.report.intervals import UNKNOWN, Interval, mean_interval, percentile, ratio_interval, wilson
 from dore.world.plan import Status
 
 
@@ -25,9 +28,9 @@ class Summary:
     planner: str
     instances: int
     solved: int
-    success: Interval
-    success_of_solvable: Interval
-    moves: Interval
+    success: Estimate
+    success_of_solvable: Estimate
+    moves: Estimate
     moves_sd: float
     planning_p50_ms: float
     planning_p99_ms: float
@@ -45,15 +48,15 @@ class Paired:
     planner: str
     reference: str
     instances: int
-    moves: Interval
+    moves: Estimate
     moves_sd: float
-    difference: Interval
-    ratio: Interval
+    difference: Estimate
+    ratio: Estimate
 
     @property
     def change_percent(self) -> float:
         """How far the ratio is from 1."""
-        return 100 * (self.ratio.value - 1)
+        return 100 * (self.ratio.mean - 1)
 
 
 def summarise(rows: Sequence[Row]) -> list[Summary]:
@@ -76,12 +79,12 @@ def summarise(rows: Sequence[Row]) -> list[Summary]:
                 planner,
                 len(group),
                 len(solved),
-                wilson(len(solved), len(group)),
-                wilson(len(solved), len(solvable)) if decided and solvable else UNKNOWN,
-                mean_interval(moves),
+                estimates.share(len(solved), len(group)),
+                estimates.share(len(solved), len(solvable)) if decided and solvable else Estimate(),
+                estimates.mean(moves),
                 stdev(moves) if len(moves) > 1 else math.nan,
-                percentile(taken_ms, 50),
-                percentile(taken_ms, 99),
+                float(np.percentile(taken_ms, 50)),
+                float(np.percentile(taken_ms, 99)),
                 "/".join(sorted({row.timing for row in group.values()})),
             )
         )
@@ -107,9 +110,9 @@ def compare(rows: Sequence[Row], reference: str | None = None) -> list[Paired]:
     paired = []
     for planner, group in groups.items():
         moves = [float(group[number].moves) for number in common]
-        difference = mean_interval([mine - theirs for mine, theirs in zip(moves, base, strict=True)])
-        spread, ratio = stdev(moves) if len(moves) > 1 else math.nan, ratio_interval(moves, base)
-        paired.append(Paired(planner, reference, len(common), mean_interval(moves), spread, difference, ratio))
+        difference = estimates.mean([mine - theirs for mine, theirs in zip(moves, base, strict=True)])
+        spread, ratio = stdev(moves) if len(moves) > 1 else math.nan, estimates.ratio(moves, base)
+        paired.append(Paired(planner, reference, len(common), estimates.mean(moves), spread, difference, ratio))
     return paired
 
 
@@ -197,8 +200,8 @@ def as_markdown(table: Table) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in [table[0], rule, *table[1:]])
 
 
-def _interval(interval: Interval, scale: float, digits: int) -> str:
-    value = _number(scale * interval.value, digits)
+def _interval(interval: Estimate, scale: float, digits: int) -> str:
+    value = _number(scale * interval.mean, digits)
     if math.isnan(interval.low):
         return value
     return f"{value} [{_number(scale * interval.low, digits)}, {_number(scale * interval.high, digits)}]"

@@ -17,7 +17,6 @@ def test_the_page(tmp_path, monkeypatch, capsys):
     assert text in capsys.readouterr().out + "\n"
     for words in (
         "2 test instances",
-        "| wanted | < 10 |",
         "| graph_search |",
         "| ratio |",
         "The paper's ratio of the means is 3.8",

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from dore.errors import InputError
+from dore.report.estimates import difference, mean, p_of_pairs, ratio, share, spread
 from dore.report.evaluation import Row, Timing
-from dore.report.intervals import mean_interval, percentile, ratio_interval, wilson
 from dore.report.tables import as_markdown, as_text, compare, paired_table, summarise, summary_table
 from dore.world.plan import Status
 
@@ -27,49 +27,56 @@ def test_wilson_agrees_with_published_figures() -> None:
         (0, 20, 0.0, 0.1611),
         (1, 29, 0.0061, 0.1718),
     ):
-        found = wilson(successes, trials)
-        assert found.value == successes / trials
+        found = share(successes, trials)
+        assert found.mean == successes / trials
         assert found.low == pytest.approx(low, abs=5e-5)
         assert found.high == pytest.approx(high, abs=5e-5)
-    assert wilson(20, 20).high == 1.0
-    assert math.isnan(wilson(0, 0).value)
+    assert share(20, 20).high == 1.0
+    assert math.isnan(share(0, 0).mean)
 
 
 def test_mean_interval_is_students() -> None:
-    found = mean_interval([2, 4, 4, 4, 5, 5, 7, 9, 5, 5])
+    found = mean([2, 4, 4, 4, 5, 5, 7, 9, 5, 5])
     # mean 5, sd 1.88562, t(9) = 2.26216.
-    assert found.value == 5
-    assert found.high - 5 == pytest.approx(2.26216 * 1.885618 / math.sqrt(10), rel=1e-3)
+    assert found.mean == 5
+    assert found.high - 5 == pytest.approx(2.26216 * 1.885618 / math.sqrt(10), rel=1e-5)
     assert found.low == pytest.approx(10 - found.high)
-    assert math.isnan(mean_interval([1, 2, 3]).low)
-    assert math.isnan(mean_interval([]).value)
+    assert math.isnan(mean([1, 2, 3]).low)
+    assert math.isnan(mean([]).mean)
 
 
 def test_ratio_interval_is_the_ratio_estimators() -> None:
-    found = ratio_interval([2, 3, 6, 5], [1, 2, 3, 2])
+    found = ratio([2, 3, 6, 5], [1, 2, 3, 2])
     # 16 / 8; residuals 0, -1, 0, 1, whose sd is sqrt(2 / 3); t(3) = 3.18245; the base's mean is 2.
-    assert found.value == 2
-    assert found.high - 2 == pytest.approx(3.18245 * math.sqrt(2 / 3) / math.sqrt(4) / 2, rel=1e-2)
+    assert found.mean == 2
+    assert found.high - 2 == pytest.approx(3.18245 * math.sqrt(2 / 3) / math.sqrt(4) / 2, rel=1e-5)
     assert found.low == pytest.approx(4 - found.high)
-    assert math.isnan(ratio_interval([1, 2], [1, 2]).low)
-    assert math.isnan(ratio_interval([1, 2], [0, 0]).value)
-    assert math.isnan(ratio_interval([], []).value)
+    assert math.isnan(ratio([1, 2], [1, 2]).low)
+    assert math.isnan(ratio([1, 2], [0, 0]).mean)
+    assert math.isnan(ratio([], []).mean)
 
 
-def test_percentiles_interpolate() -> None:
-    values = [float(value) for value in range(101)]
-    assert percentile(values, 50) == 50
-    assert percentile(values, 99) == 99
-    assert percentile([1.0, 2.0], 50) == 1.5
-    assert percentile([3.0], 99) == 3.0
-    assert math.isnan(percentile([], 50))
+def test_pairs_are_compared_pair_by_pair() -> None:
+    found = difference([2, 3, 5, 6], [1, 3, 4, 4])
+    # The differences are 1, 0, 1, 2: mean 1, sd sqrt(2 / 3); t(3) = 3.182446.
+    assert found.mean == 1
+    assert found.high - 1 == pytest.approx(3.182446 * math.sqrt(2 / 3) / 2, rel=1e-6)
+    # Six instances that only one planner solves, one that only the other does: 2 * (1 + 7) / 2 ** 7.
+    assert p_of_pairs([1] * 6 + [0, 1, 0], [0] * 6 + [1, 1, 0]) == pytest.approx(16 / 128)
+    assert p_of_pairs([1, 0], [1, 0]) == 1
+
+
+def test_a_spread_leaves_out_what_is_missing() -> None:
+    found = spread([1.0, math.nan, 3.0])
+    assert (found.n, found.mean, found.low, found.high) == (2, 2, 1, 3)
+    assert math.isnan(spread([math.nan]).mean)
 
 
 def test_a_summary_counts_moves_of_solved_instances_only() -> None:
     rows = [row("a", 1, 2), row("a", 2, 4), row("a", 3, None, 0.101), row("a", 4, 6)]
     (one,) = summarise(rows)
-    assert (one.instances, one.solved, one.success.value) == (4, 3, 0.75)
-    assert (one.moves.value, one.moves_sd) == (4, 2)
+    assert (one.instances, one.solved, one.success.mean) == (4, 3, 0.75)
+    assert (one.moves.mean, one.moves_sd) == (4, 2)
     assert one.planning_p50_ms == pytest.approx(1.0)
     assert one.planning_p99_ms == pytest.approx(98.0)
 
@@ -78,14 +85,14 @@ def test_what_one_planner_proves_unsolvable_counts_against_none() -> None:
     proof = Row("exact", 2, 36, 5, Status.UNSOLVABLE, "", 0, 0.0, 9, Timing.SINGLE)
     rows = [row("a", 1, 2), row("a", 2, None), row("exact", 1, 1), proof]
     first, _ = summarise(rows)
-    assert (first.success.value, first.success_of_solvable.value) == (0.5, 1.0)
+    assert (first.success.mean, first.success_of_solvable.mean) == (0.5, 1.0)
 
 
 def test_success_of_solvable_is_not_told_while_an_instance_is_undecided() -> None:
     first, second = summarise([row("a", 1, 2), row("a", 2, None), row("b", 1, 1), row("b", 2, None)])
-    assert math.isnan(first.success_of_solvable.value)
+    assert math.isnan(first.success_of_solvable.mean)
     first, second = summarise([row("a", 1, 2), row("a", 2, None), row("b", 1, 1), row("b", 2, 3)])
-    assert (first.success_of_solvable.value, second.success_of_solvable.value) == (0.5, 1.0)
+    assert (first.success_of_solvable.mean, second.success_of_solvable.mean) == (0.5, 1.0)
 
 
 def test_a_comparison_uses_the_instances_that_all_solved() -> None:
@@ -93,11 +100,11 @@ def test_a_comparison_uses_the_instances_that_all_solved() -> None:
     rows += [row("b", n, moves) for n, moves in enumerate([2, 4, 4, None, 9], 1)]
     mine, reference = compare(rows)
     assert (mine.planner, mine.reference, mine.instances) == ("a", "b", 3)
-    assert mine.moves.value == 2
-    assert mine.difference.value == pytest.approx(-4 / 3)
+    assert mine.moves.mean == 2
+    assert mine.difference.mean == pytest.approx(-4 / 3)
     assert mine.change_percent == pytest.approx(-40.0)
-    assert reference.difference.value == 0
-    assert mine.ratio.value == pytest.approx(0.6)
+    assert reference.difference.mean == 0
+    assert mine.ratio.mean == pytest.approx(0.6)
     assert compare(rows, reference="a")[1].change_percent == pytest.approx(100 * (10 / 6 - 1))
 
 
