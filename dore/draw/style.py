@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from dore.files import atomic_write
 
 RED, GREEN, BLUE, OCHRE, PURPLE = "#c8553d", "#2e8b57", "#4c78a8", "#e0a030", "#8a5aa8"
-"""For things that must be told apart; `SERIES` gives their order in a plot."""
+"""For things that must be distinguished; `SERIES` gives their order in a plot."""
 SERIES = (BLUE, RED, GREEN, OCHRE, PURPLE)
 INK, FAINT = "#2b2d33", "#8b8f98"
 """Text and lines; secondary text and reference lines."""

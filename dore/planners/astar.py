@@ -24,7 +24,7 @@ from dore.world.rules import lift, pickable, placeable, retrievable
 SMALLEST, LARGEST = 128, 1024
 """Boards expanded together: few while a solution may be near, then as many as had that f before them."""
 PAIRS = 8192
-"""Picks whose places are worked out together, which bounds what is held for a moment."""
+"""Picks whose places are computed together, which bounds the memory of a step."""
 MEGABYTE = 2**20
 
 

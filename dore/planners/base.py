@@ -43,7 +43,7 @@ class RawPlan(NamedTuple):
     planning_s: float
     """Wall seconds; where a batch was planned together, its even share."""
     expansions: int = 0
-    """Boards whose successors the planner looked at."""
+    """Boards whose successors the planner generated."""
     optimal_moves: int | None = None
     """The proved fewest moves, where known."""
     reason: str = ""

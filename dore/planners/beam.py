@@ -32,7 +32,7 @@ class Found(NamedTuple):
     cut: list[bool]
     """Boards were left whose plans would have been longer than was asked for."""
     expansions: list[int]
-    """Boards whose moves were looked at."""
+    """Boards whose moves were generated."""
     boards: list[int]
     """Different boards seen."""
     full: list[bool]

@@ -40,8 +40,8 @@ class Exact:
     The go-back failure needs no handling: a shortest plan visits no board twice.
 
     Args:
-        max_nodes: gives an instance up after so many expanded boards.
-        max_seconds: gives an instance up after so many wall seconds of its own; where many are planned together,
+        max_nodes: gives up on an instance after this many expanded boards.
+        max_seconds: gives up on an instance after this many wall seconds of its own; where many are planned together,
             the time of each step is shared out by the boards that each has in it.
         max_memory_mb: what the boards seen may take at a time, MiB. Where instances planned together need more,
             they are planned one by one; one that alone needs more is given up. Some 200 MiB for the step being

@@ -38,8 +38,8 @@ class GraphSearch:
     - obstacles and places are taken in the order of their cells.
 
     Args:
-        max_nodes: gives up after making so many nodes; each is kept, in some 400 bytes.
-        max_seconds: gives up after so many wall seconds on an instance.
+        max_nodes: gives up after making this many nodes; each is kept, in some 400 bytes.
+        max_seconds: gives up after this many wall seconds on an instance.
 
     Raises:
         InputError: a budget of zero or below.
@@ -53,7 +53,7 @@ class GraphSearch:
         self.max_seconds = number("planners.graph_search.max_seconds", max_seconds, above=0.0)
 
     def plan(self, batch: Batch) -> list[Plan]:
-        """One plan an instance, worked out one by one; see `Planner`."""
+        """One plan an instance, planned one by one; see `Planner`."""
         raw_plans = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 

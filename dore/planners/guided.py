@@ -1,4 +1,4 @@
-"""Search led by the Q-networks: near-optimal plans in milliseconds, and a proof where there is none."""
+"""Search led by the Q-networks: near-optimal plans in milliseconds, and proofs that there is no plan."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ class Guided:
         reach: may differ from the one trained on.
         model: a run directory or a model file; None: the one in the package, which serves every layout.
         width: moves kept in each layer by the first search.
-        max_nodes: gives an instance up after so many expanded boards.
-        max_seconds: gives an instance up after so many wall seconds of its own.
+        max_nodes: gives up on an instance after this many expanded boards.
+        max_seconds: gives up on an instance after this many wall seconds of its own.
         max_moves: longest plan that the first two searches look for; each one after them looks twice as far.
         max_memory_mb: what the boards seen may take at a time, MiB; instances searched when it runs out are given up.
-        improve_seconds: looks for a shorter plan until so many wall seconds of an instance are spent; 0 never.
+        improve_seconds: looks for a shorter plan until this many wall seconds of an instance are spent; 0: never.
 
     Raises:
         InputError: what `Learned` raises, or a number outside its domain.

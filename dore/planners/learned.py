@@ -25,7 +25,7 @@ class Learned:
     Args:
         reach: may differ from the one trained on; the layout only where the networks serve every layout.
         model: a run directory or a model file; None: the one in the package, which does.
-        max_moves: gives up after so many.
+        max_moves: gives up after this many.
 
     Raises:
         InputError: no such model, a damaged one, or one of another layout.
@@ -41,7 +41,7 @@ class Learned:
         self.agent = self.copy_of_agent()
 
     def copy_of_agent(self) -> Agent:
-        """The model's agent anew, with weights of its own."""
+        """A new agent with a copy of the model's weights."""
         # Mirror images only help to learn; a layout without one can be planned on all the same.
         config = dict(self._config)
         if self.reach.mirror is None and isinstance(config.get("agent"), dict):
@@ -64,7 +64,7 @@ class Learned:
         return checked_plans(self.reach, batch, self.raw_plans(batch), self.name)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """What the greedy episodes come to, before their replay."""
+        """The greedy episodes as raw plans, not replayed yet."""
         began = time.perf_counter()
         rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
@@ -72,7 +72,7 @@ class Learned:
 
 
 def raw_plan_of(rollout: Rollout, row: int, planning_s: float) -> RawPlan:
-    """What a greedy episode came to."""
+    """A greedy episode as a raw plan."""
     moves, solved = rollout.moves(row), bool(rollout.solved[row])
     failure = Failure(int(rollout.failure[row]))
     reason = "" if solved else "move budget" if failure is Failure.NONE else failure.name.lower().replace("_", " ")

@@ -54,7 +54,7 @@ class StraightLine:
             reach's clearance.
         avoid_corridors: put nothing into a corridor that is being cleared while there is another place. The
             paper's rule has no such exception (False); with it the baseline needs fewer moves.
-        max_moves: give up after so many moves.
+        max_moves: give up after this many moves.
 
     Raises:
         InputError: a start beyond the layout's front edge, or a parameter outside its domain.
@@ -83,7 +83,7 @@ class StraightLine:
         self.farthest = _farthest(reach.layout)
 
     def plan(self, batch: Batch) -> list[Plan]:
-        """One plan an instance, worked out one by one; see `Planner`."""
+        """One plan an instance, planned one by one; see `Planner`."""
         raw_plans = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 

@@ -40,7 +40,7 @@ class Transfer:
     ours plays many at once).
 
     Not in the paper, which learns until T_lim: an instance is proved unsolvable where what blocks its target can
-    never be reached (`DeleteRelaxation.locked`), or where the memory comes to hold all boards that can be.
+    never be reached (`DeleteRelaxation.locked`), or where the memory holds all boards that can be reached.
 
     Args:
         reach: as the model's.
@@ -51,7 +51,7 @@ class Transfer:
         epsilon: share of random choices while learning.
         lr: of Adam.
         batch_size: transitions an update.
-        seed: of exploration and sampling, for each instance anew.
+        seed: of exploration and sampling, set again for each instance.
 
     Raises:
         InputError: what `Learned` raises, or a number outside its domain.
@@ -111,7 +111,7 @@ class Transfer:
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
     def _learn(self, instance: InstanceSet, spent_s: float) -> RawPlan:
-        """What a copy of the model makes of one instance; the raw_plan's reason says how long it learned."""
+        """The plan of a copy of the model that learns on one instance; its reason says for how long."""
         began = time.perf_counter()
         memory = InstanceMemory(instance)
         if memory.exhausted():

@@ -32,7 +32,7 @@ def random_problem(reach: Reach, difficulty: Difficulty, seed: int) -> Problem:
     """One instance of the test split.
 
     Raises:
-        InputError: there are none.
+        InputError: no instance is found.
     """
     (problem,) = problems_of(reach, FreshInstances(reach, difficulty, "test", seed).draw(1))
     return problem
@@ -189,7 +189,7 @@ class InstanceSplits:
 
     Args:
         min_obstacles, max_obstacles: see `dore.world.generator.Difficulty`.
-        train_size: how many instances to train on; None draws fresh ones for ever.
+        train_size: how many instances to train on; None draws new ones without end.
         validation_size, test_size: how many instances these sets hold.
         seed: of the sets.
 
@@ -229,5 +229,5 @@ class InstanceSplits:
         return InstanceSet.generate(reach, self.validation_size, self.difficulty, "validation", self.seed)
 
     def test(self, reach: Reach) -> InstanceSet:
-        """What is looked at once, at the end."""
+        """Used once, at the end."""
         return InstanceSet.generate(reach, self.test_size, self.difficulty, "test", self.seed)

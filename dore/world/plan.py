@@ -45,7 +45,7 @@ class Plan:
 
     target_direction_deg: None unless the status is solved.
     planning_s: wall seconds spent on this instance (a batch's time is shared out evenly).
-    expansions: boards whose successors the planner looked at.
+    expansions: boards whose successors the planner generated.
     optimal_moves: the proved fewest moves, where known.
     reason: why there is no solution, or what a solution took, in a few words; often empty.
     """

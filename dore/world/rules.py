@@ -1,7 +1,7 @@
 """The rules of rearranging, as pure batched functions on packed boards.
 
 B denotes the batch, G the cells, W the words of a board, T the boards an episode remembers. A row's result
-depends on that row alone. `target` stands on the board wherever corridors are judged, but is never lifted.
+depends on that row alone. `target` stands on the board wherever accessibility is checked, but is never lifted.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
     """Exact masks: a pick is legal when some place makes `transition` accept the pair.
 
     A cell that is open before the lift stays open after it, so such a cell proves every pick; only the rare
-    rows without one are worked out pick by pick.
+    rows without one are checked pick by pick.
     """
     n_cells = reach.n_cells
     standing = board | bit(target, board.shape[-1])

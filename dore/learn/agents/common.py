@@ -81,15 +81,15 @@ class Greedy(torch.nn.Module):
     ) -> None:
         super().__init__()
         group, name = action
-        shown = (group, "masked_value")
+        masked_value = (group, "masked_value")
         chosen = (group, "chosen_action_value")
         self.mask_values = TensorDictModule(
-            lambda values, allowed: masked(values, allowed, mask_mode), in_keys=[value, mask], out_keys=[shown]
+            lambda values, allowed: masked(values, allowed, mask_mode), in_keys=[value, mask], out_keys=[masked_value]
         )
         self.choose = QValueModule(
             spec=Categorical(n, device=device),
-            action_value_key=shown,
-            out_keys=[action, shown, chosen],
+            action_value_key=masked_value,
+            out_keys=[action, masked_value, chosen],
             action_space="categorical",
         )
         self.explore = EGreedyModule(
