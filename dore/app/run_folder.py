@@ -161,10 +161,13 @@ def unmark_done(folder: Path) -> None:
 
 
 class MetricsLog:
-    """metrics.csv, a row at a time, flushed: a killed run keeps all but its last line."""
+    """metrics.csv, a row at a time, flushed: a killed run keeps all but its last line.
+
+    Not TorchRL's CSVLogger (0.14): it writes a file for each figure, and cannot drop the rows after a checkpoint.
+    """
 
     def __init__(self, path: Path, columns: tuple[str, ...], keep_until: int | None = None) -> None:
-        """keep_until: the iteration that a resumed run goes on from; later rows are dropped. None: a new file."""
+        """keep_until: the iteration from which a run is resumed; later rows are dropped. None: a new file."""
         self.columns = columns
         kept = [] if keep_until is None else self._rows_until(path, keep_until)
         with atomic_write(path) as file:

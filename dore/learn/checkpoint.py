@@ -1,4 +1,8 @@
-"""Checkpoints of a training run (all that it needs to go on) and model files (weights and their config)."""
+"""Checkpoints of a training run (all that it needs to resume) and model files (weights and their config).
+
+Not `torchrl.checkpoint.Checkpoint` (0.14): it moves the old checkpoint aside before it renames the new one, so that a
+kill in between leaves none under the name, and it writes no fsync; its folders also keep a replay's empty places.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +27,14 @@ MODEL_FORMAT = "dore-model/1"
 MODEL_NAME = "model.safetensors"
 """The model that a run returns."""
 BEST_NAME = "best.safetensors"
-"""That of the best IPT, beside it, where a run returns the last one (`training.keep=last`)."""
+"""The model of the best IPT, beside it, where a run returns the last one (`training.keep=last`)."""
 SHIPPED = Path(__file__).parents[1] / "weights" / "generalist.safetensors"
 """The model inside the package, for every layout; its card lies beside it."""
 
 
 def save_checkpoint(path: str | os.PathLike[str], parts: dict[str, Any]) -> None:
     """Write the named parts: state dicts, tensors and plain values."""
-    # By way of memory: on a full disk torch would fail in its own words, and not the disk's.
+    # Through memory: on a full disk torch would mask the OSError.
     data = io.BytesIO()
     torch.save({"format": CHECKPOINT_FORMAT, **parts}, data)
     with atomic_write(path, "wb") as file:
@@ -38,10 +42,10 @@ def save_checkpoint(path: str | os.PathLike[str], parts: dict[str, Any]) -> None
 
 
 def load_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The parts that `save_checkpoint` wrote, on the CPU; whoever loads them takes them to its own device.
+    """The parts that `save_checkpoint` wrote, on the CPU.
 
     Raises:
-        InputError: no such file, a damaged one, or none of ours.
+        InputError: no such file, a damaged one, or one of another program.
     """
     try:
         parts = torch.load(path, map_location="cpu", weights_only=True)
@@ -63,7 +67,7 @@ def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[st
     """Weights and config of a model file, or of the one in a run directory.
 
     Raises:
-        InputError: no such file, a damaged one, or none of ours.
+        InputError: no such file, a damaged one, or one of another program.
     """
     path = Path(path)
     file = path / MODEL_NAME if path.is_dir() else path
