@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# docs/results/planners.md: latencies and throughput of the planners against what each must reach. Parts b and d take
+# docs/results/planners.md: latencies and throughput of the planners. Parts b and d take
 # long. One part alone: --parts a; a model of your own for b and c: --learned-model outputs/mine; --help says the rest.
 set -euo pipefail
 cd "$(dirname "$0")/.."

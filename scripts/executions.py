@@ -2,7 +2,7 @@
 
 python -m scripts.executions OUT [--obstacles 5,7,9] [--runs 100] [--planner guided] [--loop open] [--seed 7] ...
 What is done is skipped, so a run that was stopped goes on. The scenes are the first ones of the seed's test split
-that the planners of --solved-by have plans for. scripts/execution_report.py makes the page from the reports.
+that the planners of --solved-by have plans for. `dore-report study=execution` makes the page from the reports.
 """
 
 from __future__ import annotations

@@ -246,12 +246,12 @@ def read_table(path: Path, columns: Sequence[str], text: Sequence[str] | None) -
 
 
 def write_cells(path: Path, cells: pd.DataFrame) -> None:
-    """The cells of a page as CSV, to 6 significant digits."""
+    """The cells of a page as CSV, to 9 significant digits: more than a page shows, so that both say the same."""
     columns = [*CELL, *([TEXT] if TEXT in cells and cells[TEXT].astype(bool).any() else [])]
     cells = cells[columns].copy()
     cells["n"] = cells["n"].astype("Int64")
     with atomic_write(path) as file:
-        cells.to_csv(file, index=False, float_format="%.6g", lineterminator="\n")
+        cells.to_csv(file, index=False, float_format="%.9g", lineterminator="\n")
 
 
 def read_cells(path: Path) -> pd.DataFrame:
