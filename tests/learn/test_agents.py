@@ -8,6 +8,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from dore.errors import InputError
 from dore.learn import keys
+from dore.learn.agents.common import never_empty
 from dore.learn.features import mirrored_board
 from dore.learn.replay import compact, restore
 from dore.world.layout import Layout
@@ -155,3 +156,9 @@ def test_symmetry_needs_a_mirror():
     lopsided = Reach(Layout(((0.5, 0.0), (0.7, 0.2)), 0.1), 0.1, 15.0, 30)
     with pytest.raises(InputError, match="no mirror image"):
         make_agent("sequential", False, lopsided)
+
+
+def test_rows_that_allow_nothing_allow_everything():
+    """Else exploring fails there, or action 0 is chosen without a word."""
+    mask = torch.tensor([[False, True, False], [False, False, False]])
+    assert never_empty(mask).tolist() == [[False, True, False], [True, True, True]]
