@@ -167,15 +167,18 @@ class QLoss(LossModule):
         counted: Bool[B], the rows from which the place head learns; None: all.
         """
         names = self.tensor_keys
-        weights = tensordict.get(names.priority_weight, default=None)
+        # Of targets computed ahead nobody wants priorities: what is drawn for many updates is drawn uniformly.
+        prioritised = batch is not tensordict
+        weights = tensordict.get(names.priority_weight, default=None) if prioritised else None
         pick = values[0].gather(-1, batch[names.pick_action][:, None])
         place = values[1].gather(-1, batch[names.place_action][:, None])
         pick_target, place_target = batch[PICK_TARGET], batch[PLACE_TARGET]
-        with torch.no_grad():
-            place_error = (place - place_target).square()
-            if counted is not None:
-                place_error = place_error * counted[:, None]
-            tensordict.set(names.priority, (pick - pick_target).square() + place_error)
+        if prioritised:
+            with torch.no_grad():
+                place_error = (place - place_target).square()
+                if counted is not None:
+                    place_error = place_error * counted[:, None]
+                tensordict.set(names.priority, (pick - pick_target).square() + place_error)
         losses = [
             distance_loss(value, target, self.loss_function).squeeze(-1)
             for value, target in ((pick, pick_target), (place, place_target))
