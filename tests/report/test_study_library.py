@@ -174,3 +174,12 @@ def test_missing_runs_are_made_once(tmp_path, capfd):
     (tmp_path / "test" / "mean_0" / "config.yaml").write_text("nothing", encoding="utf-8")
     assert runs.make(spec, tmp_path, 1) == 2
     assert "mean_0: ended with exit code 2" in capfd.readouterr().err
+
+
+def test_success_is_not_said_while_an_instance_is_undecided(two):
+    """Of z4 nobody solves the second instance, and nobody proves that it cannot be solved."""
+    evaluation(two / "z4", [*rows_of("a", 2, None), *rows_of("exact", 1, None)])
+    found = cells_from(two, where="planner == 'a'", measure="solved_of_decided").set_index("column")["mean"]
+    assert found["z3"] == 75
+    assert math.isnan(found["z4"])
+    assert cells_from(two, where="column == 'z4'", measure="solved_of_solvable")["mean"].tolist() == [100, 100]
