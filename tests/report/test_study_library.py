@@ -45,7 +45,7 @@ def test_the_study_in_the_docs_is_a_study(tmp_path):
 def cells_from(tmp_path: Path, **entry: object) -> pd.DataFrame:
     spec = {
         "title": "t",
-        "sources": {"tested": {"evaluations": "{column}"}},
+        "sources": {"tested": {"evaluations": "{column}", "same": ["column"]}},
         "tables": [{"name": "t", "cells": [{"row": "{planner}", "from": "tested", **entry}]}],
     }
     return cells_of(spec, sources_of(spec, tmp_path, tmp_path))
