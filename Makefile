@@ -12,9 +12,9 @@ DEMO_LIMIT ?= 1000
 demo: venv
 	BIN=$(BIN) LIMIT=$(DEMO_LIMIT) scripts/demo.sh $(DEMO_TRAIN)
 
-# One thread: threads wait for each other on busy cores.
+# Two processes of one thread each: threads wait for each other on busy cores.
 test: lint
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m "not slow and not gpu"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow and not gpu"
 
 test-slow: venv
 	$(BIN)/python -m pytest -m "slow"
