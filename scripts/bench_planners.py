@@ -25,12 +25,12 @@ from dore.app import build
 from dore.errors import InputError, seed_of, whole
 from dore.files import atomic_write, commit, conf_dir
 from dore.planners.base import label
+from dore.report.sources import paper_table
 from dore.report.tables import Table, as_markdown
 from dore.world.files import read_scene
 from dore.world.generator import Difficulty
 from dore.world.plan import Status
 from dore.world.problem import Batch, Problem
-from scripts.paper_rows import TABLE_1_PLANNING_S
 from scripts.planner_timing import Size, about, composed, one_at_a_time, process_seconds, share, spread, timed, world
 
 SCENE = conf_dir() / "scenes" / "fig7.json"
@@ -117,7 +117,8 @@ def learned_against_search(chosen: argparse.Namespace) -> list[str]:
         medians.append(median(ms))
         solved = sum(row.plan.status is Status.SOLVED for row in rows)
         table.append([planner.name, f"{means[-1]:.2f}", *spread(ms, (50, 99)), share(solved, len(rows))])
-    paper = TABLE_1_PLANNING_S["graph_search"][9].mean / TABLE_1_PLANNING_S["dqn"][9].mean
+    table_1 = paper_table("planning_time_6x6").pivot(index="column", columns="method", values="mean")
+    paper = table_1.graph_search["9"] / table_1.dqn["9"]
     table.append(["ratio", f"{means[0] / means[1]:.0f}", f"{medians[0] / medians[1]:.2f}", "", ""])
     return [
         f"## b. `learned` against `graph_search`, {about(size)}, one at a time",

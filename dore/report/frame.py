@@ -33,11 +33,13 @@ class Source:
     rows: a row an instance and planner, a test of a training, or a line of a CSV file, with the names that the
     folder's pattern gives. runs: a row a folder, with everything in its config, about and done files, dotted.
     world: the columns that, with `instance`, say which problem a row is of.
+    committed: read from the tables beside the page, not from runs.
     """
 
     rows: pd.DataFrame
     runs: pd.DataFrame = field(default_factory=pd.DataFrame)
     world: tuple[str, ...] = ()
+    committed: bool = False
 
 
 def folders(root: Path, pattern: str, wanted: str) -> Iterator[tuple[Path, dict[str, str]]]:

@@ -117,6 +117,17 @@ def mean_and_range(rows: pd.DataFrame, of: str) -> Estimate:
     return estimates.spread(values(rows, of))
 
 
+def stated(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """The mean `of` and the upper end `to` of its symmetric interval, as the first row states them."""
+    mean, high = float(values(rows, of).iloc[0]), float(values(rows, to).iloc[0])
+    return Estimate(mean=mean, low=2 * mean - high, high=high)
+
+
+def rms(rows: pd.DataFrame, of: str) -> Estimate:
+    """The root of the mean square; nan where a value is missing."""
+    return Estimate(len(rows), float((values(rows, of) ** 2).mean(skipna=False)) ** 0.5 if len(rows) else math.nan)
+
+
 def slope(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     """By how much `of` grows with `to`: the slope of the least squares' line; nan where `to` is always the same."""
     return _line(rows, of, to, "slope")

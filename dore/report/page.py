@@ -140,7 +140,7 @@ def _cell(one: Mapping[str, Any] | None, table: Spec, with_n: bool) -> str:
     if math.isnan(one["mean"]):
         return "-"
     if template:
-        return str(template.format(**one))
+        return str(template.format(**one, half=one["high"] - one["mean"]))
     digits = table.get("digits", 3)
     text = number(one["mean"], digits)
     if not math.isnan(one["sd"]):

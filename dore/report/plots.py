@@ -12,6 +12,7 @@ import pandas as pd
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from dore.draw import style
@@ -126,9 +127,10 @@ def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place
     if _is_papers(row):
         # Two rows of the paper stand a little apart, so that their bars do not overlap.
         x = line.x + 0.12 * (place - 0.5)
+        half, what = (line.high - line["mean"], "") if line.sd.isna().all() else (line.sd, " (sd)")
         axes.errorbar(
-            x, line["mean"], line.sd, color=colour, lw=1, ls=dashes, elinewidth=0.8, capsize=2, marker="o", ms=4,
-            mfc="white", label=f"{row} (sd)",
+            x, line["mean"], half, color=colour, lw=1, ls=dashes, elinewidth=0.8, capsize=2, marker="o", ms=4,
+            mfc="white", label=f"{row}{what}",
         )  # fmt: skip
         return
     axes.plot(line.x, line["mean"], color=colour, lw=1.4, ls=dashes, marker="o", ms=3, label=row)
@@ -222,7 +224,8 @@ def _dots(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fig
 
 
 def _heat(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
-    """A panel a metric: numbers over rows and columns, as colours and written; a marked cell has a frame."""
+    """A panel a metric: numbers over rows and columns, as colours and written; `frame`: a metric of 1 where framed."""
+    framed = cells[(cells.metric == spec.get("frame")) & (cells["mean"] == 1)]
     figure, axes = panels(len(spec["panels"]), 2, 4.6, 3.6)
     for one, panel in zip(axes, spec["panels"], strict=True):
         mine = cells[cells.metric == panel["metric"]]
@@ -231,7 +234,11 @@ def _heat(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fig
         one.imshow(wide, origin="lower", aspect="auto", cmap="viridis_r", vmin=0.0, vmax=spec["most"])
         for (row, column), value in np.ndenumerate(wide.to_numpy()):
             ink = "white" if value > 0.45 * spec["most"] else INK
-            one.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=8, color=ink)
+            text = "-" if np.isnan(value) else f"{value:.2f}"
+            one.text(column, row, text, ha="center", va="center", fontsize=8, color=ink)
+        for at in framed.itertuples():
+            corner = (list(wide).index(at.column) - 0.5, list(wide.index).index(at.row) - 0.5)
+            one.add_patch(Rectangle(corner, 1, 1, fill=False, ec=COLOURS["red"], lw=2.5, clip_on=False, zorder=3))
         finish(one, panel.get("title", panel["metric"]), spec["x"], spec["y"])
         one.grid(visible=False)
         one.set_xticks(range(wide.shape[1]), list(wide))

@@ -35,10 +35,10 @@ def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     sources, cells, facts = read(spec, name, root, results)
     results.mkdir(parents=True, exist_ok=True)
     if _has_runs(sources):
-        kept = {one: source["kept_in"] for one, source in spec["sources"].items() if "kept_in" in source}
-        for one, file_name in kept.items():
-            with atomic_write(results / file_name) as file:
-                sources[one].rows.to_csv(file, index=False, lineterminator="\n")
+        folder = root or Path(spec.get("folder", "outputs"))
+        kept = {one: source for one, source in spec["sources"].items() if "kept_in" in source}
+        for one, source in kept.items():
+            _keep(sources[one], source, folder, results)
         if not kept:
             write_cells(results / f"{name}.csv", cells)
         with atomic_write(results / f"{name}.json") as file:
@@ -50,6 +50,19 @@ def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     with atomic_write(results / f"{name}.md") as file:
         file.write(text)
     return results / f"{name}.md"
+
+
+def _keep(made: Source, source: Spec, folder: Path, results: Path) -> None:
+    """Write a source's rows beside the page: a program's table as it is, else what was made of the runs."""
+    if "tables" in source:
+        found = sorted(folder.glob(source["tables"]))
+        if len(found) != 1:
+            raise InputError(f"{folder}: {len(found)} tables like {source['tables']}, want one to keep")
+        text = found[0].read_text(encoding="utf-8")
+    else:
+        text = made.rows.to_csv(index=False, lineterminator="\n")
+    with atomic_write(results / source["kept_in"]) as file:
+        file.write(text)
 
 
 def read(
@@ -73,7 +86,7 @@ def read(
     return sources, read_cells(results / f"{name}.csv"), known
 
 
-KINDS = ("evaluations", "trainings", "executions")
+KINDS = ("evaluations", "trainings", "executions", "tables")
 
 
 def _without(spec: Spec, known: Mapping[str, Any]) -> Spec:
@@ -82,8 +95,8 @@ def _without(spec: Spec, known: Mapping[str, Any]) -> Spec:
 
 
 def _has_runs(sources: Mapping[str, Source]) -> bool:
-    return any(not source.runs.empty and "file" not in source.runs for source in sources.values())
+    return any(not source.runs.empty and not source.committed for source in sources.values())
 
 
 def _tables(sources: Mapping[str, Source]) -> bool:
-    return any("file" in source.runs for source in sources.values())
+    return any(not source.runs.empty and source.committed for source in sources.values())

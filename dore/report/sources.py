@@ -30,7 +30,8 @@ def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
         kinds = [kind for kind in MADE_FROM if kind in source]
         if len(kinds) != 1:
             raise InputError(f"sources.{name}: got {', '.join(source)}, want one of {', '.join(MADE_FROM)}")
-        where = results if kinds == ["tables"] else root
+        committed = kinds == ["tables"] and "kept_in" not in source
+        where = results if committed else root
         given = {key: source[key] for key in ("same", "keep") if key in source and kinds == ["evaluations"]}
         made: Source = getattr(frame, kinds[0])(where, source[kinds[0]], **given)
         runs = made.runs
@@ -39,9 +40,10 @@ def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
                 runs[column] = runs[column].replace(dict(renamed))
         runs = _sorted(runs, source)
         if made.rows.empty and "kept_in" in source:
-            made = frame.tables(results, source["kept_in"])
+            made, committed = frame.tables(results, source["kept_in"]), True
             runs = made.runs
-        found[name] = Source(_prepared(f"sources.{name}", source, made.rows), runs, tuple(source.get("same", ())))
+        rows = _prepared(f"sources.{name}", source, made.rows)
+        found[name] = Source(rows, runs, tuple(source.get("same", ())), committed)
     return found
 
 

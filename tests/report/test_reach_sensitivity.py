@@ -1,138 +1,106 @@
-"""The study of what the paper does not say: its distances, its page from the CSV alone, and its preset."""
+"""What the paper does not say of the reach: the measured rows, what the study makes of them, and the preset."""
 
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
-from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
 
 from dore.errors import InputError
-from scripts.paper_rows import OBSTACLES, REARRANGEMENTS, TABLE_1_PLANNING_S, TABLE_2_EXECUTION_S
-from scripts.reach_sensitivity import main
-from scripts.reach_sensitivity_report import write_report
-from scripts.reach_sensitivity_rows import (
-    GRID,
-    Moves,
-    Point,
-    Row,
-    distance,
-    distances,
-    fits,
-    make_row,
-    nearest,
-    read_rows,
-    write_rows,
-)
+from dore.report import results
+from dore.report.sources import paper_table, sources_of
+from dore.report.study import cells_of
+from scripts.reach_sensitivity import GRID, LAYOUTS, Moves, Point, Row, main, make_row, read_rows, write_rows
+from tests.report import fakes
 
 ROOT = Path(__file__).parents[2]
 HERE = Point(0.142, 15.0, None, False)
 
 
-def row(obstacles: int = 3, point: Point = HERE, board: str = "3x6", **values: float) -> Row:
-    """A row whose optimum and baseline are the paper's, but for `values`."""
-    paper = REARRANGEMENTS[board]
-    made = make_row(GRID, 0, board, point, obstacles, [Moves(1, 2, True)] * 4)
-    dqn, baseline = paper["dqn"][obstacles].mean, paper["baseline"][obstacles].mean
-    same = {"optimum_mean": dqn, "optimum_low": dqn, "optimum_high": dqn, "both_optimum_mean": dqn}
-    return replace(made, **{**same, "baseline_mean": baseline, **values})
+def row(obstacles: int = 3, point: Point = HERE, board: str = "3x6", stage: str = GRID, **off: float) -> Row:
+    """A row whose optimum and baseline are the paper's, but for what is `off`."""
+    made = make_row(stage, 0, board, point, obstacles, [Moves(1, 2, True)] * 4)
+    dqn, baseline = made["paper_dqn_mean"], made["paper_baseline_mean"]
+    return made | {
+        "optimum_mean": dqn + off.get("optimum", 0),
+        "optimum_high": dqn + off.get("optimum", 0) + off.get("half", 0),
+        "both_optimum_mean": dqn + off.get("both", 0),
+        "baseline_mean": baseline + off.get("baseline", 0),
+    }
 
 
-def test_the_papers_rows_are_whole_and_their_savings_are_those_of_the_text() -> None:
-    for table in (TABLE_1_PLANNING_S, TABLE_2_EXECUTION_S, *REARRANGEMENTS.values()):
-        assert all(tuple(cells) == OBSTACLES for cells in table.values())
-    ((board, saved), (other, saved_there)) = (
-        (board, 1 - sum(cell.mean for cell in rows["dqn"].values()) / sum(c.mean for c in rows["baseline"].values()))
-        for board, rows in REARRANGEMENTS.items()
-    )
-    assert (board, other) == ("3x6", "6x6")
-    # The text says 34 % and 36 %; it may average the columns' percentages.
-    assert saved == pytest.approx(0.34, abs=0.02)
-    assert saved_there == pytest.approx(0.36, abs=0.02)
-    assert REARRANGEMENTS["3x6"]["dqn"][9].half95 == pytest.approx(2.262 * 0.94 / math.sqrt(10))
+def measured(tmp_path: Path, rows: list[Row]) -> pd.DataFrame:
+    """The study's points, a row a column."""
+    write_rows(tmp_path / "rows.csv", rows)
+    return sources_of(fakes.study("reach_sensitivity"), tmp_path, tmp_path)["points"].rows
 
 
 def test_a_row_counts_the_optimum_over_all_and_the_baseline_over_what_both_solve() -> None:
     moves = [Moves(1, 2, True), Moves(3, 5, True), Moves(4, None, True), Moves(None, None, True)]
     one = make_row(GRID, 0, "6x6", HERE, 5, [*moves, Moves(2, None, False)])
-    assert (one.optimum_n, one.optimum_solved, one.optimum_mean) == (5, 0.8, 2.5)
-    assert (one.baseline_n, one.baseline_solved, one.baseline_mean, one.both_optimum_mean) == (4, 0.5, 3.5, 2.0)
-    assert one.optimum_sd == pytest.approx(math.sqrt(5 / 3))
-    assert math.isnan(one.baseline_low)
-    assert (one.paper_dqn_mean, one.paper_baseline_sd, one.n_sectors) == (2.1, 0.63, 30)
+    assert (one["optimum_n"], one["optimum_solved"], one["optimum_mean"]) == (5, 0.8, 2.5)
+    assert [one[name] for name in ("baseline_n", "baseline_solved", "baseline_mean")] == [4, 0.5, 3.5]
+    assert one["both_optimum_mean"] == 2.0
+    assert one["optimum_sd"] == pytest.approx(math.sqrt(5 / 3))
+    assert math.isnan(one["baseline_low"])
+    assert (one["paper_dqn_mean"], one["paper_baseline_sd"], one["n_sectors"]) == (2.1, 0.63, 30)
 
 
-def test_distances_are_root_mean_squares_over_the_columns() -> None:
-    near = REARRANGEMENTS["3x6"]
-    columns = [
-        row(3, optimum_mean=near["dqn"][3].mean + 0.3, baseline_mean=near["baseline"][3].mean - 1),
-        row(4, optimum_mean=near["dqn"][4].mean - 0.4, both_optimum_mean=near["dqn"][4].mean + 2),
-    ]
-    found = distance(columns)
-    assert found.dqn == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2))
-    assert found.baseline == pytest.approx(math.sqrt(1 / 2))
-    assert found.dqn_both == pytest.approx(math.sqrt(4 / 2))
-    assert math.isnan(distance([row(3, baseline_mean=math.nan)]).baseline)
+def test_distances_are_root_mean_squares_over_the_columns(tmp_path) -> None:
+    found = measured(tmp_path, [row(3, optimum=0.3, baseline=-1), row(4, optimum=-0.4, both=2), row(3, board="6x6")])
+    here = found[found.board == "3x6"].iloc[0]
+    assert here.dqn_here == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 2))
+    assert here.baseline_here == pytest.approx(math.sqrt(1 / 2))
+    assert here.both_here == pytest.approx(math.sqrt(4 / 2))
+    assert here.dqn == pytest.approx(math.sqrt((0.3**2 + 0.4**2) / 3))
 
 
-def test_above_needs_more_than_the_interval_of_the_difference() -> None:
-    cell = REARRANGEMENTS["6x6"]["dqn"][9]
-    half = math.hypot(0.2, cell.half95)
-    for excess, above in ((half - 0.01, 0), (half + 0.01, 1)):
-        mean = cell.mean + excess
-        columns = [row(9, board="6x6", optimum_mean=mean, optimum_high=mean + 0.2)]
-        assert distance(columns).above == above
+def test_above_needs_more_than_the_interval_of_the_difference(tmp_path) -> None:
+    half = math.hypot(0.2, 2.262 * 0.69 / math.sqrt(10))
+    off = (half - 0.01, half + 0.01, -half - 0.01)
+    rows = [row(9, Point(r, 15.0, None, False), "6x6", optimum=by, half=0.2) for r, by in enumerate(off, 1)]
+    assert measured(tmp_path, rows).above.tolist() == [False, True, False]
 
 
-def test_the_nearest_point_has_both_rows_near_in_units_of_the_least() -> None:
-    paper = REARRANGEMENTS["3x6"]
-    off = {"optimum": (0.1, 1.0, 0.2, 0.1), "baseline": (4.0, 2.0, 2.4, math.nan)}
+def test_the_nearest_point_has_both_rows_near_in_units_of_the_least(tmp_path) -> None:
+    """A point that no instance is left of has no rank; neither has what was measured again."""
+    off = ((0.1, 4.0), (1.0, 2.0), (0.2, 2.4), (0.1, math.nan))
     points = [Point(r, 15.0, None, False) for r in (0.1, 0.2, 0.3, 0.4)]
-    rows = [
-        row(3, point, optimum_mean=paper["dqn"][3].mean + a, baseline_mean=paper["baseline"][3].mean + b)
-        for point, a, b in zip(points, off["optimum"], off["baseline"], strict=True)
-    ]
-    found = distances(rows)
-    known = fits(found)
-    assert list(known) == points[:3]
-    assert known[points[2]].joint == pytest.approx(math.sqrt((2**2 + 1.2**2) / 2))
-    assert known[points[2]].plain == pytest.approx(math.sqrt((0.2**2 + 2.4**2) / 2))
-    assert nearest(found) == points[0] == min(known, key=lambda point: known[point].joint)
-    with pytest.raises(InputError, match=r"^rows: no point"):
-        nearest({points[3]: found[points[3]]})
+    rows = [row(3, point, optimum=a, baseline=b) for point, (a, b) in zip(points, off, strict=True)]
+    found = measured(tmp_path, [*rows, row(3, points[1], stage="check", optimum=0.01, baseline=0.01)])
+    third = found.iloc[2]
+    assert third["joint"] == pytest.approx(math.sqrt((2**2 + 1.2**2) / 2))
+    assert third.plain == pytest.approx(math.sqrt((0.2**2 + 2.4**2) / 2))
+    assert found["rank"].fillna(0).tolist() == [1, 3, 2, 0, 0]
 
 
 def tiny(tmp_path: Path, *more: str) -> list[str]:
-    sizes = ["--instances", "5", "--baseline-instances", "5", "--check-instances", "6", "--obstacles", "3", "4"]
+    sizes = ["--instances", "5", "--baseline-instances", "5", "--obstacles", "3", "4"]
     reaches = ["--clearance", "0.106", "0.142", "--fan", "30", "--corridor", "clearance", "0.16"]
-    return ["--csv", str(tmp_path / "run/rows.csv"), "--report", str(tmp_path / "page"), *sizes, *reaches, *more]
+    return [str(tmp_path / "rows.csv"), *sizes, *reaches, *more]
 
 
-def test_a_tiny_grid_ends_in_a_page_that_the_csv_alone_makes_again(tmp_path: Path) -> None:
+def test_a_stopped_grid_goes_on_to_the_same_rows_and_a_page(tmp_path: Path) -> None:
     main(tiny(tmp_path))
-    rows = read_rows(tmp_path / "page.csv")
-    assert len(rows) == 2 * 2 * 2 * 2 * 2 + 2 * 2
-    assert (tmp_path / "page.png").read_bytes().startswith(b"\x89PNG")
-    page = (tmp_path / "page.md").read_text(encoding="utf-8")
-    assert "`reach=paper_fit`" in page
-    assert " nan" not in page
-    write_report(tmp_path / "page.csv", tmp_path / "again", "scripts/reach_sensitivity.sh")
-    assert (tmp_path / "again.md").read_text(encoding="utf-8").replace("again.png", "page.png") == page
-
-
-def test_a_stopped_study_goes_on_to_the_same_rows(tmp_path: Path) -> None:
-    main(tiny(tmp_path))
-    csv = tmp_path / "run/rows.csv"
+    csv, again = tmp_path / "rows.csv", ["--stage", "check", "--seed", "1", "--clearance", "0.142", "--avoid", "no"]
+    assert len(read_rows(csv)) == 2 * 2 * 2 * 2 * 2
     whole = csv.read_bytes()
-    write_rows(csv, [one for one in read_rows(csv) if one.board == "3x6" and one.stage == GRID])
+    write_rows(csv, [one for one in read_rows(csv) if one["board"] == "3x6"])
     assert csv.read_bytes() != whole
     main(tiny(tmp_path))
     assert csv.read_bytes() == whole
+    main(tiny(tmp_path, *again, "--corridor", "clearance"))
+    assert len(read_rows(csv)) == 32 + 2 * 2
+    spec, docs = fakes.study("reach_sensitivity"), tmp_path / "docs"
+    page = results.write(spec, "reach_sensitivity", tmp_path, docs).read_text(encoding="utf-8")
+    assert "2 reaches x 4 corridors on 3x6 and 6x6" in page
+    assert " nan" not in page
+    assert (docs / "reach_sensitivity.csv").read_bytes() == csv.read_bytes()
+    spec["folder"] = str(tmp_path / "gone")
+    assert results.write(spec, "reach_sensitivity", None, docs).read_text(encoding="utf-8") == page
 
 
 @pytest.mark.parametrize(
@@ -145,11 +113,8 @@ def test_a_stopped_study_goes_on_to_the_same_rows(tmp_path: Path) -> None:
         (["--corridor", "wide"], "--corridor: got 'wide', want"),
     ],
 )
-def test_bad_arguments_are_one_line_and_exit_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], named: str
-) -> None:
-    (tmp_path / "run").mkdir()
-    write_rows(tmp_path / "run/rows.csv", [row(point=Point(0.106, 30.0, None, False))])
+def test_bad_arguments_are_one_line_and_exit_code_2(tmp_path, capsys, more: list[str], named: str) -> None:
+    write_rows(tmp_path / "rows.csv", [row(point=Point(0.106, 30.0, None, False))])
     with pytest.raises(SystemExit) as ended:
         main(tiny(tmp_path, *more))
     assert ended.value.code == 2
@@ -165,23 +130,49 @@ def test_a_damaged_csv_is_named(tmp_path: Path, text: str) -> None:
         read_rows(path)
 
 
-def test_paper_fit_is_the_nearest_point_of_the_page() -> None:
-    rows = read_rows(ROOT / "docs/results/reach_sensitivity.csv")
-    best = nearest(distances(one for one in rows if one.stage == GRID))
+def test_the_committed_rows_are_written_as_they_are_read(tmp_path: Path) -> None:
+    committed = ROOT / "docs/results/reach_sensitivity.csv"
+    write_rows(tmp_path / "rows.csv", read_rows(committed))
+    assert (tmp_path / "rows.csv").read_bytes() == committed.read_bytes()
+
+
+def test_paper_fit_is_the_nearest_point_and_is_what_was_measured_again() -> None:
+    spec = fakes.study("reach_sensitivity")
+    points = sources_of(spec, ROOT / "gone", ROOT / "docs/results")["points"].rows
+    best, again = points[points["rank"] == 1].iloc[0], points[points.stage == "check"]
     preset = yaml.safe_load((ROOT / "conf/reach/paper_fit.yaml").read_text(encoding="utf-8"))
-    sectors = {one.n_sectors for one in rows if one.point == best}
-    assert {(preset["clearance_m"], preset["half_fan_deg"])} == {best[:2]}
-    assert {preset["n_sectors"]} == sectors
+    assert {key: best[key] for key in ("clearance_m", "half_fan_deg", "n_sectors")}.items() <= preset.items()
     # The preset is a reach; the corridor that goes with it is the planner's default.
     baseline = yaml.safe_load((ROOT / "conf/planner/straight_line.yaml").read_text(encoding="utf-8"))
-    assert (baseline["corridor_m"], baseline["avoid_corridors"]) == best[2:]
+    assert (baseline["corridor_m"], baseline["avoid_corridors"]) == (None, best.avoid_corridors)
+    assert math.isnan(best.corridor_m)
+    assert set(again.reach + again.corridors) == {best.reach + best.corridors}
+    assert spec["given"]["nearest"] == ["--clearance=0.19", "--fan=20", "--corridor=clearance", "--avoid=no"]
+    assert best.reach == "0.19 20.0"
 
 
-def test_the_command_of_the_page_runs(tmp_path: Path) -> None:
-    environment = os.environ | {"BIN": str(Path(sys.executable).parent)}
-    done = subprocess.run(
-        [ROOT / "scripts/reach_sensitivity.sh", *tiny(tmp_path)],
-        capture_output=True, text=True, cwd=tmp_path, env=environment, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == f"{tmp_path / 'page'}.md"
+def test_the_presets_that_the_page_names_are_those_on_the_grid() -> None:
+    points = sources_of(fakes.study("reach_sensitivity"), ROOT / "gone", ROOT / "docs/results")["points"].rows
+    named = {}
+    for path in (ROOT / "conf/reach").glob("*.yaml"):
+        keys = yaml.safe_load(path.read_text(encoding="utf-8"))
+        if set(keys) == {"_target_", "clearance_m", "half_fan_deg", "n_sectors"}:
+            named[path.stem] = f"{keys['clearance_m']} {keys['half_fan_deg']}"
+    shown = points[points.preset != ""]
+    assert dict(zip(shown.preset, shown.reach, strict=True)) == {
+        name: reach for name, reach in named.items() if reach in set(points.reach)
+    }
+
+
+def test_the_papers_savings_are_those_of_its_text() -> None:
+    for board, saved in zip(LAYOUTS, (0.34, 0.36), strict=True):
+        means = paper_table(f"rearrangements_{board}").groupby("method")["mean"].sum()
+        # It may average the columns' percentages.
+        assert 1 - means["dqn"] / means["baseline"] == pytest.approx(saved, abs=0.02)
+
+
+def test_cells_of_the_grid_are_framed_where_the_point_is_nearest(tmp_path: Path) -> None:
+    spec = fakes.study("reach_sensitivity")
+    cells = cells_of(spec, sources_of(spec, ROOT / "gone", ROOT / "docs/results"))
+    framed = cells[cells.metric == "nearest"]
+    assert framed[["row", "column", "mean"]].to_numpy().tolist() == [["0.19", "20", 1.0]]
