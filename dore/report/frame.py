@@ -64,7 +64,7 @@ def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: dict[s
     """
     rows, runs = [], []
     for folder, names in folders(root, pattern, ROWS):
-        about = _about(folder) | names
+        about = about_of(folder) | names
         runs.append(about)
         table = read_table(folder / ROWS, ROW_COLUMNS, text=("planner", "status", "reason", "timing"))
         rows.append(
@@ -121,7 +121,7 @@ def trainings(root: Path, pattern: str) -> Source:
     """
     rows, runs = [], []
     for folder, names in folders(root, pattern, DONE):
-        about = _about(folder) | names
+        about = about_of(folder) | names
         runs.append(about)
         tests = read_table(folder / METRICS, ("episodes", "seconds", "success", "updates"), text=())
         tests = tests[tests.success.notna()]
@@ -140,7 +140,7 @@ def executions(root: Path, pattern: str) -> Source:
     for folder, names in folders(root, pattern, EXECUTION):
         report = read_json(folder / EXECUTION)
         of_kind = root / pattern.partition("/")[0].format(**names)
-        kind = kinds.setdefault(of_kind, names | {"unfinished": 0} | _about(of_kind))
+        kind = kinds.setdefault(of_kind, names | {"unfinished": 0} | about_of(of_kind))
         if report["finished"]:
             rows.append(names | _execution(report))
         else:
@@ -186,8 +186,8 @@ def tables(folder: Path, pattern: str) -> Source:
     return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))
 
 
-def _about(folder: Path) -> dict[str, Any]:
-    """Everything that a run's own files say of it, under dotted names."""
+def about_of(folder: Path) -> dict[str, Any]:
+    """Everything that a run's own files say of it, under dotted names: config, about, done, arguments."""
     found: dict[str, Any] = {}
     for name, prefix in ((CONFIG, "config"), (ABOUT, "about"), (DONE, "done"), (ARGUMENTS, "arguments")):
         path = folder / name

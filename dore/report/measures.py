@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 
 import pandas as pd
@@ -55,6 +56,13 @@ def percent(rows: pd.DataFrame, of: str) -> Estimate:
 def share(rows: pd.DataFrame, of: str) -> Estimate:
     """As `percent`, without an interval."""
     return Estimate(len(rows), 100 * values(rows, of).mean() if len(rows) else math.nan)
+
+
+def counted(rows: pd.DataFrame, of: str) -> Estimate:
+    """As `percent`, shown with its counts: `40 of 50 [66.9, 88.8] %`; a row without a value does not count."""
+    known = values(rows, of).dropna()
+    found = estimates.share(int(known.sum()), len(known)).scaled(100)
+    return replace(found, text=f"{known.sum():.0f} of {len(known)} [{found.low:.1f}, {found.high:.1f}] %")
 
 
 def solved_of_solvable(rows: pd.DataFrame) -> Estimate:
@@ -110,6 +118,18 @@ def percentiles(rows: pd.DataFrame, of: str) -> Estimate:
     """The median, and as `high` the largest."""
     found = values(rows, of)
     return Estimate(int(found.count()), float(found.median()), low=float(found.min()), high=float(found.max()))
+
+
+def percentile(rows: pd.DataFrame, of: str, to: float) -> Estimate:
+    """The `to`-th percentile alone; the 100th is the highest."""
+    found = values(rows, of)
+    return Estimate(int(found.count()), float(found.quantile(to / 100)))
+
+
+def mean_and_p95(rows: pd.DataFrame, of: str) -> Estimate:
+    """The mean, and as `high` the 95th percentile."""
+    found = values(rows, of)
+    return Estimate(int(found.count()), float(found.mean()), high=float(found.quantile(0.95)))
 
 
 def mean_and_range(rows: pd.DataFrame, of: str) -> Estimate:

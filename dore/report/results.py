@@ -86,7 +86,7 @@ def read(
     return sources, read_cells(results / f"{name}.csv"), known
 
 
-KINDS = ("evaluations", "trainings", "executions", "tables")
+KINDS = ("evaluations", "trainings", "executions", "measurements", "tables")
 
 
 def _without(spec: Spec, known: Mapping[str, Any]) -> Spec:

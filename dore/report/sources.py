@@ -12,11 +12,11 @@ import pandas as pd
 
 from dore.errors import InputError
 from dore.files import conf_dir
-from dore.report import frame
+from dore.report import frame, measurements
 from dore.report.frame import Source
 
 Spec = Mapping[str, Any]
-MADE_FROM = ("evaluations", "trainings", "executions", "tables")
+MADE_FROM = ("evaluations", "trainings", "executions", "measurements", "tables")
 
 
 def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
@@ -33,7 +33,8 @@ def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
         committed = kinds == ["tables"] and "kept_in" not in source
         where = results if committed else root
         given = {key: source[key] for key in ("same", "keep") if key in source and kinds == ["evaluations"]}
-        made: Source = getattr(frame, kinds[0])(where, source[kinds[0]], **given)
+        module = measurements if kinds == ["measurements"] else frame
+        made: Source = getattr(module, kinds[0])(where, source[kinds[0]], **given)
         runs = made.runs
         for column, renamed in source.get("rename", {}).items():
             if column in runs:

@@ -48,21 +48,28 @@ def cells_of(spec: Spec, sources: Mapping[str, Source]) -> pd.DataFrame:
 def tables_of(spec: Spec, sources: Mapping[str, Source]) -> list[dict[str, Any]]:
     """A study's tables. One with `split` becomes a table for each value of that column of a source.
 
-    One with `all` has a row more, in which nothing is grouped by row.
+    One with `where` has only rows that fulfil that condition, beside those of its cells. One with `all` has a row
+    more, in which nothing is grouped by row.
     """
     found: list[dict[str, Any]] = []
     for table in spec["tables"]:
         cells = [one for entry in table.get("cells", []) for one in (entry, *_over_all(entry, table))]
+        if "where" in table:
+            cells = [_narrowed(one, table["where"]) for one in cells]
         table = {**table, "cells": cells}
         if "split" not in table:
             found.append(table)
             continue
         column = table["split"]["by"]
         for value in sources[table["split"]["from"]].rows[column].unique():
-            here = f"{column} == {value!r}"
-            narrow = [{**one, "where": f"{here} and ({one['where']})" if "where" in one else here} for one in cells]
+            narrow = [_narrowed(one, f"{column} == {value!r}") for one in cells]
             found.append({**table, "name": value, "cells": narrow})
     return found
+
+
+def _narrowed(entry: Spec, condition: str) -> Spec:
+    """An entry of a table, of fewer rows."""
+    return {**entry, "where": f"({condition}) and ({entry['where']})" if "where" in entry else condition}
 
 
 def _over_all(entry: Spec, table: Spec) -> list[Spec]:

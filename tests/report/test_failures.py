@@ -1,4 +1,4 @@
-"""The failures that are left: the first losing moves are losing, and the words follow the numbers."""
+"""The failures that are left: the first losing moves are losing, and the page's words follow the numbers."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import torch
 from omegaconf import OmegaConf
 
 from dore.app import build
+from dore.errors import InputError
 from dore.files import conf_dir
 from dore.learn.checkpoint import save_model
 from dore.learn.model import agent_of
-from scripts.failures import main
+from dore.report import results
+from dore.report.measurements import write_measurements
+from scripts.failures import boards_of, main
 from scripts.failures_figure import MOST, drawn_of
-from scripts.failures_found import Board, column_of
-from scripts.failures_page import explanation
+from tests.report import fakes
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +34,11 @@ def untrained(tmp_path_factory):
 
 
 def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
-    column = column_of("3x6_z3-7", untrained, 60)
-    assert len(column.boards) + column.undecided <= column.drawn == 60
-    assert column.failed
-    for board in column.failed:
+    boards = boards_of("3x6_z3-7", untrained, 60)
+    assert [board.instance for board in boards] == list(range(1, 61))
+    failed = [board for board in boards if board.ending]
+    assert failed
+    for board in failed:
         mistake = board.mistake
         assert mistake is not None
         assert mistake.optimum == board.optimum - (mistake.number - 1)
@@ -44,46 +47,59 @@ def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
         assert mistake.move.pick in mistake.problem.scene.obstacles
         if mistake.number == 1:
             assert mistake.now == board.now
-    assert all(board.mistake is None for board in column.boards if not board.ending)
+    assert all(board.mistake is None for board in boards if not board.ending)
 
 
-def boards(above: tuple[int, int], below: tuple[int, int]) -> list[Board]:
-    """(solved, failed) boards whose optimum is above `now`, and others."""
+def rows(above: tuple[int, int], below: tuple[int, int]) -> list[dict[str, object]]:
+    """(solved, failed) boards whose optimum is above `now`, and others; one that has no plan, one that is undecided."""
+    lost = {"mistake": 5, "mistake_now": 1, "before": 2, "after": 2}
     found = []
     for now, (solved, failed) in ((1, above), (2, below)):
-        found += [Board(0, 2, now, "")] * solved + [Board(0, 2, now, "move budget")] * failed
-    return found
+        board = {"column": "8x8_z3-13", "instance": 1, "status": "solved", "optimum": 2, "now": now}
+        found += [board | {"ending": None} | dict.fromkeys(lost)] * solved
+        found += [board | {"ending": "move budget"} | lost] * failed
+    none = found[0] | {"optimum": None, "ending": None} | dict.fromkeys(lost)
+    return [*found, none | {"status": "unsolvable"}, none | {"status": "gave_up"}]
 
 
-def test_the_explanation_follows_the_numbers():
-    most = explanation(boards(above=(17, 83), below=(4784, 16)))
+def page_of(folder, *of: tuple[int, int]) -> str:
+    write_measurements(folder / "measured", rows(*of), weights="w", proof_s=10.0)
+    return results.write(fakes.study("failures"), "failures", folder, folder / "pages").read_text(encoding="utf-8")
+
+
+def test_the_words_follow_the_numbers(tmp_path):
+    most = page_of(tmp_path, (17, 83), (4784, 16))
+    assert "4902 boards, 4900 can be solved, 1 are undecided. The network fails on 99 of" in most
     assert "on 83 of 99 failures (83.8 [" in most
     assert "on 100 of all 4900 boards (2.0 [" in most
     assert "249 times as often" in most
     assert "most failures are" in most
-    assert "though not most" in explanation(boards(above=(60, 40), below=(4700, 100)))
-    assert "do not explain" in explanation(boards(above=(100, 0), below=(4800, 50)))
-    none = explanation(boards(above=(0, 0), below=(10, 3)))
+    assert "| 1 | 100 | 2.0 | 83 | 83.8 | 83.0 [74.5, 89.1] |" in most
+    for line in ("| step limit | 99 | 100.0 |", "| move 4 or later | 99 |", "| a move: the distance stays | 99 |"):
+        assert line in most, line
+    assert "though not most" in page_of(tmp_path, (60, 40), (4700, 100))
+    assert "do not explain" in page_of(tmp_path, (100, 0), (4800, 50))
+    none = page_of(tmp_path, (0, 0), (10, 3))
     assert "on 0 of all 13 boards" in none
-    assert "fails on - %" in none
+    assert "fails on - of such boards" in none
+    assert "nan" not in none
+    assert "The optimum is above" not in page_of(tmp_path, (2, 0), (10, 0))
 
 
-def test_a_page_and_a_picture(untrained, tmp_path, capsys):
-    report = tmp_path / "new" / "failures"
-    words = ["--model", str(untrained), "--boards", "40", "--report", str(report)]
+def test_rows_and_a_picture(untrained, tmp_path, capsys):
+    out, picture = tmp_path / "measured", tmp_path / "new" / "failures.png"
+    words = [str(out), "--model", str(untrained), "--boards", "40", "--picture", str(picture)]
     assert main([*words, "--columns", "3x6_z3-7", "5x5_z3-8"]) == 0
-    page = report.with_suffix(".md").read_text(encoding="utf-8")
-    for part in ("## 3 x 6, 3-7 obstacles", "## 5 x 5, 3-8 obstacles", "(failures.png)", "| how they end |"):
-        assert part in page, part
-    assert "nan" not in page
-    assert report.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+    assert len((out / "rows.csv").read_text(encoding="utf-8").splitlines()) == 81
+    assert picture.read_bytes().startswith(b"\x89PNG")
     assert main([*words, "--columns", "3x6"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("failures: --columns: got '3x6', want LAYOUT_INSTANCES")
+    with pytest.raises(InputError, match="got no rows"):
+        write_measurements(out, [])
 
 
 def test_columns_take_turns(untrained):
-    columns = [column_of(name, untrained, 40) for name in ("3x6_z3-7", "5x5_z3-8")]
-    drawn = drawn_of(columns)
-    assert len(drawn) == MOST
-    assert [column.name for column, _, _ in drawn] == ["3x6_z3-7"] * 3 + ["5x5_z3-8"] * 3
+    columns = [boards_of(name, untrained, 40) for name in ("3x6_z3-7", "5x5_z3-8")]
+    assert [board.column for board in drawn_of(columns)] == ["3x6_z3-7"] * 3 + ["5x5_z3-8"] * 3
+    assert len(drawn_of(columns[:1])) == MOST
     assert drawn_of([]) == []

@@ -1,0 +1,51 @@
+"""The rows of a measuring program: any columns, in a rows.csv with an about.json beside it."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dore.errors import InputError
+from dore.files import atomic_write, commit
+from dore.report.evaluation import ROWS
+from dore.report.frame import ABOUT, Source, about_of, folders, read_table
+
+
+def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]], **about: Any) -> None:
+    """Write a program's rows to a folder, and what they were measured with.
+
+    Args:
+        rows: one or more, all with the same names; None where there is no value.
+        about: what a page says of them besides commit, versions, machine and load.
+
+    Raises:
+        InputError: no rows.
+    """
+    if not rows:
+        raise InputError(f"{folder}: got no rows, want one or more")
+    folder.mkdir(parents=True, exist_ok=True)
+    known = {"commit": commit(), "versions": {"torch": version("torch")}, "machine": platform.machine()}
+    with atomic_write(folder / ABOUT) as file:
+        json.dump(known | {"cores": os.cpu_count(), "load": f"{os.getloadavg()[0]:.2f}"} | about, file, indent=2)
+    with atomic_write(folder / ROWS) as file:
+        pd.DataFrame(rows).to_csv(file, index=False, lineterminator="\n")
+
+
+def measurements(root: Path, pattern: str) -> Source:
+    """Every rows.csv of the folders of a pattern, with the names that the pattern gives.
+
+    Raises:
+        InputError: a damaged file.
+    """
+    rows, runs = [], []
+    for folder, names in folders(root, pattern, ROWS):
+        runs.append(about_of(folder) | names)
+        rows.append(read_table(folder / ROWS, (), text=None).assign(**names))
+    return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))
