@@ -19,9 +19,10 @@ from dore.draw import style
 from dore.draw.style import FAINT, INK
 from dore.errors import InputError
 from dore.report.frame import Source
+from dore.report.panels import COLOURS, finish, legend, panels
+from dore.report.row_plots import histogram, rays
 
 Spec = Mapping[str, Any]
-COLOURS = {name.lower(): getattr(style, name) for name in ("RED", "GREEN", "BLUE", "OCHRE", "PURPLE", "INK", "FAINT")}
 DASHES = (0, (4, 3))
 SHORT = FuncFormatter(lambda x, _: f"{x / 1e6:g}M" if x >= 1e6 else f"{x / 1e3:g}k" if x >= 1e3 else f"{x:g}")
 """1000 as 1k, so that large numbers do not touch each other."""
@@ -41,42 +42,6 @@ def draw(path: Path, spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Sour
     figure = KINDS[kind](spec, cells, sources)
     if figure is not None:
         style.save_png(figure, path)
-
-
-def panels(count: int, across: int, width: float, height: float, share: bool = False) -> tuple[Figure, list[Axes]]:
-    """A figure and its panels; those that are too many are not shown."""
-    across = min(across, count)
-    down = -(-count // across)
-    figure = Figure((width * across + 0.6, height * down + 0.8), facecolor="white", layout="constrained")
-    axes = list(figure.subplots(down, across, squeeze=False, sharex=share, sharey=share).flat)
-    for one in axes[count:]:
-        one.set_visible(False)
-    return figure, axes[:count]
-
-
-def finish(axes: Axes, title: str = "", x: str = "", y: str = "") -> None:
-    """Names, grid and ticks, the same in all figures."""
-    axes.set_title(title, fontsize=9, color=INK)
-    axes.set_xlabel(x, fontsize=9, color=INK)
-    axes.set_ylabel(y, fontsize=9, color=INK)
-    style.plain(axes)
-    axes.set_axisbelow(True)
-
-
-def legend(figure: Figure, axes: Sequence[Axes], across: int) -> None:
-    """One legend for all panels, below them."""
-    shown: dict[Any, Any] = {}
-    for one in axes:
-        handles, labels = one.get_legend_handles_labels()
-        shown |= dict(zip(labels, handles, strict=True))
-    look: dict[str, Any] = {
-        "loc": "outside lower center",
-        "ncols": across,
-        "fontsize": 8,
-        "frameon": False,
-        "labelcolor": INK,
-    }
-    figure.legend(list(shown.values()), list(shown), **look)
 
 
 def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
@@ -257,4 +222,6 @@ KINDS: dict[str, Callable[[Spec, pd.DataFrame, Mapping[str, Source]], Figure | N
     "curves": _curves,
     "dots": _dots,
     "heat": _heat,
+    "histogram": histogram,
+    "rays": rays,
 }

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from dore.files import conf_dir
+from dore.report import results
 from dore.sim.config import preset
 from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences
 from dore.sim.motion.kinematics import ArmKinematics
@@ -18,6 +19,7 @@ from dore.world.files import read_plan
 from dore.world.layout import Layout
 from dore.world.reach import Reach
 from scripts.measure_reach import Surveyor, main, survey
+from tests.report import fakes
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 ARM, OBJECTS = preset("arm/panda_slim"), preset("objects/mixed")
@@ -49,7 +51,7 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
     """Every cell and sector of 3 x 6: none is allowed that the arm cannot follow, and none forbidden that it can."""
     followed = torch.tensor(
         [
-            [surveyor.lane(cell, sector, others=False).followed for sector in range(surveyor.reach.n_sectors)]
+            [surveyor.corridor(cell, sector, others=False).followed for sector in range(surveyor.reach.n_sectors)]
             for cell in range(LAYOUT.n_cells)
         ]
     )
@@ -81,22 +83,25 @@ def test_a_clearance_too_small_is_found_out(surveyor):
     narrow.reach = Reach(LAYOUT, **{**surveyor.reach.to_dict(), "clearance_m": surveyor.reach.clearance_m - 0.01})
     found = survey(narrow, [[7, sector] for sector in range(60)])
     assert found.not_blocked.any()
-    assert (found.off_lane_m()[found.not_blocked] > narrow.reach.clearance_m).all()
+    assert (found.off_line_m()[found.not_blocked] > narrow.reach.clearance_m).all()
 
 
-def test_the_page_is_made_from_a_layout_that_the_arm_only_half_reaches(tmp_path, capsys):
+def test_a_layout_that_the_arm_only_half_reaches_and_its_page(tmp_path):
     """One column; its last cell is out of reach and yet allowed, which the exit code says."""
-    words = ["--rows", "4", "--cols", "1", "--set", "n_sectors=5", "--report", str(tmp_path / "one")]
-    assert main(words) == 1
-    rows = list(csv.DictReader((tmp_path / "one.csv").open()))
+    assert main([str(tmp_path), "--rows", "4", "--cols", "1", "--set", "n_sectors=5"]) == 1
+    rows = list(csv.DictReader((tmp_path / "corridors.csv").open()))
     assert len(rows) == 20
     assert all(row["allowed"] == "1" for row in rows)
     assert [row["followed"] for row in rows if row["cell"] == "1"] == ["1"] * 5
     assert [row["followed"] for row in rows if row["cell"] == "4"] == ["0"] * 5
     assert "no joint angles" in rows[-1]["why_not"]
-    page = (tmp_path / "one.md").read_text()
-    assert "| lanes to follow | 20 | 20 |" in page
-    assert (tmp_path / "one.png").stat().st_size > 10_000
+    spec, docs = fakes.study("reach_panda_slim"), tmp_path / "docs"
+    page = results.write(spec, "reach_panda_slim", tmp_path, docs).read_text(encoding="utf-8")
+    followed = sum(row["followed"] == "1" for row in rows)
+    assert f"| corridors to follow | 20 | 20 | {followed} | {20 - followed} | 0 |" in page
+    assert "4 x 1 cells of 0.12 m" in page
+    spec["folder"] = str(tmp_path / "gone")
+    assert results.write(spec, "reach_panda_slim", None, docs).read_text(encoding="utf-8") == page
 
 
 def test_a_plan_for_the_same_reach_differs_in_nothing(reach):
