@@ -160,7 +160,13 @@ class SequentialLoss(QLoss):
         return self._losses(tensordict, batch, (pick_values, place_values), counted)
 
     def with_targets(self, batch: TensorDictBase) -> TensorDict:
-        """See `QLoss.with_targets`."""
+        """See `QLoss.with_targets`.
+
+        Raises:
+            ValueError: Q-learning is double, so targets change with the online networks.
+        """
+        if self.double:
+            raise ValueError("with_targets: not for double Q-learning, whose targets change with each update")
         return self._with_targets(batch, None)
 
     @torch.no_grad()

@@ -57,6 +57,8 @@ class QLoss(LossModule):
 
     `forward` returns `out_keys`, and writes each row's squared error, summed over both heads, to the input under
     `tensor_keys.priority` for prioritised replay. Importance weights under `tensor_keys.priority_weight` are applied.
+    Neither is done for a batch whose targets were computed ahead (`with_targets`), and dore's own loop samples
+    uniformly: priorities are for loops of your own.
 
     Args:
         online: the networks by name; each becomes functional, with target parameters.

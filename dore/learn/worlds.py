@@ -7,6 +7,7 @@ from typing import Any
 from tensordict import TensorDictBase
 from torchrl.data import ReplayBuffer
 
+from dore.errors import InputError
 from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget
 from dore.learn.env import RearrangeEnv
@@ -22,18 +23,22 @@ class World:
     Args:
         env: plays the training instances.
         agent: the learner's, on this world's reach.
-        buffer: the replay, which samples uniformly.
+        buffer: the replay; uniform, or with a `sample` of its own, which only `update_after=round` calls.
         evaluator: tests on the validation instances.
         budget: how much is stored and drawn, and when.
 
     Raises:
-        InputError: a buffer that does not sample uniformly.
+        InputError: a sampler that is not uniform, or a `sample` of its own that would not be called.
     """
 
     def __init__(
         self, env: RearrangeEnv, agent: Agent, buffer: ReplayBuffer, evaluator: PerformanceTest, budget: Budget
     ) -> None:
         check_uniform(buffer)
+        if budget.update_after != "round" and type(buffer).sample is not ReplayBuffer.sample:
+            raise InputError(
+                f"training.update_after: {budget.update_after} draws by itself, want round for this buffer"
+            )
         self.env, self.agent, self.buffer, self.evaluator, self.budget = env, agent, buffer, evaluator, budget
         self.player = Player(env, agent, budget.update_after)
         self.filled = self.env_steps = self._steps = 0

@@ -41,7 +41,7 @@ class RawPlan(NamedTuple):
     """(pick, place) cells, counted from 0."""
     status: Status
     planning_s: float
-    """Wall seconds; where a batch was planned together, its even share."""
+    """Wall seconds; where a batch was planned together, the share that the planner attributes to this instance."""
     expansions: int = 0
     """Boards whose successors the planner generated."""
     optimal_moves: int | None = None

@@ -31,6 +31,10 @@ class GiveUp(StrEnum):
     """`max_moves` are spent."""
 
 
+KEY = "planners.straight_line"
+"""Where a config has this planner's settings."""
+
+
 class StraightLine:
     """Removes everything in the straight corridor from the end-effector's start to the target, nearest first.
 
@@ -72,12 +76,19 @@ class StraightLine:
         max_moves: int,
     ) -> None:
         self.reach = reach
-        self.start_m = (number("start_x_m", start_x_m), number("start_y_m", start_y_m))
+        self.start_m = (
+            number(f"{KEY}.start_x_m", start_x_m),
+            number(f"{KEY}.start_y_m", start_y_m),
+        )
         if self.start_m[0] >= reach.layout.front_m:
-            raise InputError(f"start_x_m: got {start_x_m:g}, want less than the front edge {reach.layout.front_m:g}")
-        self.corridor_m = reach.clearance_m if corridor_m is None else number("corridor_m", corridor_m, above=0.0)
-        self.avoid_corridors = flag("avoid_corridors", avoid_corridors)
-        self.max_moves = whole("max_moves", max_moves, 1)
+            raise InputError(
+                f"{KEY}.start_x_m: got {start_x_m:g}, want less than the front edge {reach.layout.front_m:g}"
+            )
+        self.corridor_m = (
+            reach.clearance_m if corridor_m is None else number(f"{KEY}.corridor_m", corridor_m, above=0.0)
+        )
+        self.avoid_corridors = flag(f"{KEY}.avoid_corridors", avoid_corridors)
+        self.max_moves = whole(f"{KEY}.max_moves", max_moves, 1)
         self.corridors = _corridors(reach.layout, self.start_m, self.corridor_m)
         self.approaches = _approaches(reach, self.start_m)
         self.farthest = _farthest(reach.layout)

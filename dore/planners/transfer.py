@@ -8,7 +8,7 @@ import time
 import torch
 from torchrl.objectives import SoftUpdate
 
-from dore.errors import number, seed_of
+from dore.errors import number, seed_of, whole
 from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget, LinearEpsilon
 from dore.learn.env import RearrangeEnv, Rewards
@@ -43,8 +43,8 @@ class Transfer:
     never be reached (`DeleteRelaxation.locked`), or where the memory holds all boards that can be reached.
 
     Args:
-        reach: as the model's.
-        model: a run directory or a model file.
+        reach: may differ from the one trained on, as for `Learned`.
+        model: a run directory or a model file; None: the one in the package.
         max_moves: step limit of an episode.
         max_episodes: T_lim, for one instance.
         max_seconds: of learning, for one instance.
@@ -71,6 +71,9 @@ class Transfer:
         batch_size: int,
         seed: int,
     ) -> None:
+        # Checked under this planner's keys, before `Learned` and `Budget` name their own.
+        for name, value in {"max_moves": max_moves, "max_episodes": max_episodes, "batch_size": batch_size}.items():
+            whole(f"planners.transfer.{name}", value, 1)
         self.reach = reach
         self.base = Learned(reach, model, max_moves)
         self.relaxation = DeleteRelaxation(reach)

@@ -26,7 +26,8 @@ class Timing(StrEnum):
     SINGLE = "single"
     """The instance was planned alone: a latency."""
     BATCHED = "batched"
-    """A batch was planned together, and this is the instance's even share: one over the throughput."""
+    """A batch was planned together: the share that the planner attributes to the instance. Their mean is one over the
+    throughput."""
 
 
 @dataclass(frozen=True)

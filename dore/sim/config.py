@@ -1,4 +1,4 @@
-"""The settings of arm, objects and film, checked; each class but `ArmModel` is a `_target_` in conf/. No simulator."""
+"""The settings of arm, objects and film, checked. It loads no simulator."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Body:
 
 @dataclass(frozen=True)
 class ObjectConfig:
-    """Which objects stand on the table; sizes are drawn evenly from [low, high]. See conf/execute.yaml.
+    """Which objects stand on the table; sizes are drawn evenly from [low, high]. See conf/objects.
 
     Raises:
         InputError: an unknown shape, or a range that is upside down or not positive.

@@ -44,7 +44,7 @@ class Plan:
     """Moves that make the target accessible, and the direction to retrieve it from.
 
     target_direction_deg: None unless the status is solved.
-    planning_s: wall seconds spent on this instance (a batch's time is shared out evenly).
+    planning_s: wall seconds spent on this instance (of a batch's, as the planner attributes it).
     expansions: boards whose successors the planner generated.
     optimal_moves: the proved fewest moves, where known.
     reason: why there is no solution, or what a solution took, in a few words; often empty.

@@ -158,7 +158,7 @@ def test_batch_equals_rows_one_by_one() -> None:
     ],
 )
 def test_bad_values_are_one_line(keys: dict[str, object], named: str) -> None:
-    with pytest.raises(InputError, match=f"^{named}: [^\n]*$"):
+    with pytest.raises(InputError, match=f"^planners.straight_line.{named}: [^\n]*$"):
         baseline(wide_hand(3, 6), **keys)
 
 

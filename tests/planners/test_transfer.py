@@ -146,3 +146,9 @@ def test_the_memory_pieces_a_way_together(failed):
     assert len(drawn.board.unique(dim=0)) > 1
     assert not bool(retrievable(reach, *drawn).any())
     assert len(memory.sample(32)) == 32
+
+
+@pytest.mark.parametrize("key", ["max_moves", "max_episodes", "batch_size", "max_seconds", "lr"])
+def test_a_bad_number_is_named_by_this_planners_key(key):
+    with pytest.raises(InputError, match=f"^planners.transfer.{key}: got 0"):
+        Transfer(wide_hand(3, 4), None, **(KEYS | {key: 0}))

@@ -33,7 +33,7 @@ class Sequential:
         reach: the layout's accessibility check; its device is the agent's.
         network: makes the pick and the place network.
         encoding: see `dore.learn.features.Encoding`.
-        mask_mode: see `dore.learn.losses.masked`. `legal` also rules out going back to a visited board.
+        mask_mode: see `dore.learn.q_loss.masked`. `legal` also rules out going back to a visited board.
         chain, failed_pick: see `dore.learn.losses.SequentialLoss`.
         gamma: discount of a move.
         double: double Q-learning (the paper's DQN is plain).

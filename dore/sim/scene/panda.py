@@ -15,7 +15,7 @@ _FINGER_OPEN_M = 0.04
 _FINGER_CLOSED_M = -0.01
 """Commanded to close: beyond what the fingers reach, so that they press on thin objects too, as ManiSkill does."""
 
-# The stock hand is 20 cm wide and cannot pass between neighbours of 12 cm cells. This one has a 10 cm palm and
+# The stock hand is 21 cm wide and cannot pass between neighbours of 12 cm cells. This one has a 10 cm palm and
 # plain 12 mm fingers, 3 cm longer, so that the tilted palm clears the top of what it grasps. Not a commercial hand.
 _PALM = (
     ("box", "0 0 0.046", "0.056 0.100 0.034", "0.22 0.23 0.26 1"),
