@@ -45,7 +45,7 @@ def one_of(name: str, value: object, options: object) -> None:
     """Nothing, if `value` is an option of a Literal type.
 
     Raises:
-        InputError: it is none of them.
+        InputError: it is not an option.
     """
     if value not in get_args(options):
         raise InputError(f"{name}: got {value!r}, want one of {', '.join(get_args(options))}")

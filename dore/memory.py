@@ -9,7 +9,7 @@ import torch
 
 from dore.errors import InputError
 
-# What torch's CPU allocator says on Linux and on other systems, and the C library's own words.
+# The messages of torch's CPU allocator on Linux and elsewhere, and of the C library.
 REFUSALS = ("can't allocate memory", "not enough memory", "Cannot allocate memory")
 
 
@@ -27,7 +27,9 @@ def memory_for(key: str, value: object) -> Iterator[None]:
     try:
         yield
     except (MemoryError, RuntimeError) as error:
-        told = isinstance(error, MemoryError | torch.OutOfMemoryError) or any(word in str(error) for word in REFUSALS)
-        if not told:
+        refused = isinstance(error, MemoryError | torch.OutOfMemoryError) or any(
+            word in str(error) for word in REFUSALS
+        )
+        if not refused:
             raise
         raise OutOfMemory(f"{key}: {value} takes more memory than there is, want less") from None

@@ -118,7 +118,7 @@ def _main(name: str, task: Task) -> None:
     try:
         composed = _guarded(name, lambda: command() or 0)
     except Exception as error:
-        # A sweeper that finds no job to choose from, or a launcher whose workers are gone; the jobs are told first.
+        # A sweeper that finds no job to choose from, or a launcher whose workers are gone; the jobs are reported first.
         code = sweep.conclude()
         if code is None:
             raise

@@ -57,7 +57,7 @@ class Job:
 
 
 def run_job(cfg: DictConfig) -> float | None:
-    """Train one job of a sweep, or go on with it, unless it is finished.
+    """Train one job of a sweep, or resume it, unless it is finished.
 
     Returns its best IPT success, which a sweeper may maximise; None where it broke or was stopped.
     """
@@ -65,18 +65,18 @@ def run_job(cfg: DictConfig) -> float | None:
     parent = os.getppid() if os.environ.get(SWEEPING) == str(os.getppid()) else None
     job = Job(str(settings.sweep.subdir), Path(settings.sweep.dir), list(settings.overrides.task), parent)
     os.chdir(settings.runtime.cwd)  # A launcher on another machine may have started elsewhere.
-    told = job.root / JOBS
-    told.mkdir(parents=True, exist_ok=True)
-    with (told / f"{job.name.replace('/', '_')}.log").open("ab") as log:
-        # A sweeper may ask for the same job twice; and what a killed worker has left running holds the log, too.
+    records = job.root / JOBS
+    records.mkdir(parents=True, exist_ok=True)
+    with (records / f"{job.name.replace('/', '_')}.log").open("ab") as log:
+        # A sweeper may ask for the same job twice; and a process that a killed worker left running holds the log, too.
         fcntl.flock(log, fcntl.LOCK_EX)
         outcome = _run(job, cfg, log)
         print(f"{job.name}: {'finished before, ' if outcome.before else ''}{outcome.said}", flush=True)
         digest = hashlib.sha256(" ".join(job.overrides).encode()).hexdigest()
-        with atomic_write(told / f"{digest[:16]}.json") as file:
+        with atomic_write(records / f"{digest[:16]}.json") as file:
             json.dump(asdict(outcome), file, indent=2)
     if job.abandoned:
-        os._exit(STOPPED)  # A worker would wait for ever for its result to be taken.
+        os._exit(STOPPED)  # A worker would wait without end for its result to be taken.
     return outcome.success
 
 
@@ -91,7 +91,7 @@ def _run(job: Job, cfg: DictConfig, log: IO[bytes]) -> Outcome:
             check_same(job.folder, cfg)
         except InputError as error:
             return job.ended(BAD_INPUT, str(error))
-        return job.ended(0, _told(result), result, before=True)
+        return job.ended(0, _summary(result), result, before=True)
     stop = job.root / STOP
     if stop.exists():
         return job.ended(STOPPED, "not started")
@@ -100,11 +100,11 @@ def _run(job: Job, cfg: DictConfig, log: IO[bytes]) -> Outcome:
     with suppress(OSError):
         job.folder.rmdir()  # Hydra made it; a job that could not start has left it empty.
     result = finished(job.folder, cfg.training) if code == 0 else None
-    return job.ended(code, _told(result) if result else said, result)
+    return job.ended(code, _summary(result) if result else said, result)
 
 
 def _train(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
-    """dore-train in a process of its own; its exit code and its last words."""
+    """dore-train in a process of its own; its exit code and the last line of its log."""
     quoted = str(job.folder).replace("'", "\\'")
     more = [f"run_dir='{quoted}'", "existing=continue"]
     command = [sys.executable, "-c", "from dore.app.cli import train; train()", *job.overrides, *more]
@@ -143,7 +143,7 @@ def _wait(process: subprocess.Popen[bytes], job: Job, stop: Path) -> bool:
     return asked
 
 
-def _told(result: dict[str, Any]) -> str:
+def _summary(result: dict[str, Any]) -> str:
     """A finished run in a few words."""
     return (
         f"{result['ending']}, best IPT success {100 * result['best_success']:.1f} %, "

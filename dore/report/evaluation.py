@@ -69,7 +69,7 @@ def rows_as_they_come(
     progress: bool = True,
     done: Sequence[Row] = (),
 ) -> Iterator[Row]:
-    """Plan every instance with every planner, and replay every plan once more, whoever made it.
+    """Plan every instance with every planner, and replay every plan once more, whichever planner made it.
 
     Each planner first plans the first instance untimed, so that no row pays for what happens only once
     (compiling, first allocations).
