@@ -30,6 +30,6 @@ def memory_for(key: str, value: object) -> Iterator[None]:
         refused = isinstance(error, MemoryError | torch.OutOfMemoryError) or any(
             word in str(error) for word in REFUSALS
         )
-        if not out:
+        if not refused:
             raise
         raise OutOfMemory(f"{key}: {value} takes more memory than there is, want less") from None
