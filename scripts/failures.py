@@ -167,3 +167,7 @@ def _mistakes(
         going = [(going[index][0], after[index], going[index][2]) for index in kept]
         board, target = following[kept], target[kept]
     return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

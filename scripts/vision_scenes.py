@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -90,50 +90,32 @@ def lay_down(env: Any, placed: Arrangement, rng: np.random.Generator) -> bool:
     return False
 
 
-@dataclass
-class Score:
-    """Counts and errors over scenes; lengths in millimetres, angles in degrees."""
+def scene_row(placed: Arrangement, seen: tuple[Detection, ...]) -> dict[str, Any]:
+    """Whether the whole scene, and the target, are right; wrong: why the scene was not understood."""
+    targets = [cell_of(one, placed.layout) for one in seen if one.is_target]
+    try:
+        exact, wrong = estimate(seen, placed.layout).scene == placed.scene, ""
+    except NotUnderstood as error:
+        exact, wrong = False, str(error)
+    return {"exact": exact, "target": targets == [placed.cells[0]], "wrong": wrong}
 
-    scenes: int = 0
-    exact: int = 0
-    target: int = 0
-    objects: int = 0
-    cells: int = 0
-    upright: int = 0
-    shape: int = 0
-    centre_mm: list[float] = field(default_factory=list)
-    height_mm: list[float] = field(default_factory=list)
-    width_mm: list[float] = field(default_factory=list)
-    yaw_deg: list[float] = field(default_factory=list)
-    frame_s: list[float] = field(default_factory=list)
-    reading_s: list[float] = field(default_factory=list)
-    wrong: list[str] = field(default_factory=list)
 
-    def add(self, placed: Arrangement, seen: tuple[Detection, ...]) -> None:
-        """Count one scene."""
-        self.scenes += 1
-        self.objects += len(placed.bodies)
-        self.cells += len(set(placed.cells) & {cell_of(one, placed.layout) for one in seen})
-        targets = [cell_of(one, placed.layout) for one in seen if one.is_target]
-        self.target += targets == [placed.cells[0]]
-        try:
-            self.exact += estimate(seen, placed.layout).scene == placed.scene
-        except NotUnderstood as error:
-            self.wrong.append(str(error))
-        for body, xy, yaw in zip(placed.bodies, placed.xy, placed.yaws_rad, strict=True):
-            self._add_object(body, xy, float(yaw), seen)
-
-    def _add_object(self, body: Body, xy: Array, yaw: float, seen: tuple[Detection, ...]) -> None:
-        near = min(seen, key=lambda one: math.dist(one.xy, xy), default=None)
-        if near is None or math.dist(near.xy, xy) > _FOUND_WITHIN_M:
-            return
-        self.upright += near.upright
-        self.shape += near.shape == body.shape
-        self.centre_mm.append(1000 * math.dist(near.xy, xy))
-        self.height_mm.append(1000 * (near.height_m - body.height_m))
-        self.width_mm.append(1000 * (near.half_width_m - body.half_width_m))
-        if body.shape == near.shape == "cuboid":
-            self.yaw_deg.append(math.degrees(math.remainder(near.yaw_rad - yaw, math.pi / 2)))
+def object_rows(placed: Arrangement, seen: tuple[Detection, ...]) -> Iterator[dict[str, Any]]:
+    """A row an object: what is right, and errors in millimetres and degrees; None where it was not found."""
+    cells = {cell_of(one, placed.layout) for one in seen}
+    for body, cell, xy, yaw in zip(placed.bodies, placed.cells, placed.xy, placed.yaws_rad, strict=True):
+        near = min(seen, key=lambda one, xy=xy: math.dist(one.xy, xy), default=None)
+        found = near if near is not None and math.dist(near.xy, xy) <= _FOUND_WITHIN_M else None
+        row = {"cell": cell in cells, "upright": False, "shape": False}
+        row |= dict.fromkeys(("centre_mm", "height_mm", "width_mm", "yaw_deg"))
+        if found is not None:
+            row |= {"upright": found.upright, "shape": found.shape == body.shape}
+            row["centre_mm"] = 1000 * math.dist(found.xy, xy)
+            row["height_mm"] = 1000 * (found.height_m - body.height_m)
+            row["width_mm"] = 1000 * (found.half_width_m - body.half_width_m)
+            if body.shape == found.shape == "cuboid":
+                row["yaw_deg"] = math.degrees(math.remainder(found.yaw_rad - float(yaw), math.pi / 2))
+        yield row
 
 
 def reports_lying(seen: tuple[Detection, ...], layout: Layout) -> bool:
