@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from dore.errors import InputError
-from dore.report import frame, page, results, runs
+from dore.report import frame, measures, page, results, runs
 from dore.report.sources import sources_of
 from dore.report.study import cells_of
 from tests.commands import TINY
@@ -183,3 +183,35 @@ def test_success_is_not_said_while_an_instance_is_undecided(two):
     assert found["z3"] == 75
     assert math.isnan(found["z4"])
     assert cells_from(two, where="column == 'z4'", measure="solved_of_solvable")["mean"].tolist() == [100, 100]
+
+
+def test_a_root_mean_square_lacks_nothing_and_a_stated_interval_is_symmetric():
+    rows = pd.DataFrame({"off": [3.0, -4.0], "gap": [1.0, math.nan], "high": [5.0, 9.0]})
+    assert measures.rms(rows, "off").mean == pytest.approx(math.sqrt(12.5))
+    assert math.isnan(measures.rms(rows, "gap").mean)
+    stated = measures.stated(rows, "off", "high")
+    assert (stated.mean, stated.low, stated.high) == (3, 1, 5)
+
+
+def test_a_programs_table_is_kept_beside_the_page_and_read_there_without_the_run(tmp_path):
+    entry = {"row": "a", "column": "b", "from": "made", "measure": "total", "of": "double"}
+    spec = {
+        "title": "t",
+        "sources": {"made": {"tables": "*.csv", "kept_in": "mine.csv", "define": {"double": "2 * a"}}},
+        "facts": {"arm": {"from": "made", "run": "arm"}},
+        "head": "{{ facts.commit }}, {{ facts.arm }}",
+        "tables": [{"name": "sum", "cells": [entry]}],
+    }
+    run, docs = tmp_path / "run", tmp_path / "docs"
+    run.mkdir()
+    (run / "made.csv").write_text("a\n1\n2.50\n", encoding="utf-8")
+    (run / "made.json").write_text('{"about.commit": "abc1234", "arm": "slim"}', encoding="utf-8")
+    page = results.write(spec, "mine", run, docs).read_text(encoding="utf-8")
+    assert "abc1234, slim" in page
+    assert "| a | 7 |" in page
+    assert (docs / "mine.csv").read_text(encoding="utf-8") == "a\n1\n2.50\n"
+    spec["folder"] = str(tmp_path / "gone")
+    assert results.write(spec, "mine", None, docs).read_text(encoding="utf-8") == page
+    (run / "other.csv").write_text("a\n1\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"2 tables like \*\.csv, want one to keep"):
+        results.write(spec, "mine", run, docs)
