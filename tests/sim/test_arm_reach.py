@@ -84,6 +84,9 @@ def test_a_clearance_too_small_is_found_out(surveyor):
     found = survey(narrow, [[7, sector] for sector in range(60)])
     assert found.not_blocked.any()
     assert (found.off_line_m()[found.not_blocked] > narrow.reach.clearance_m).all()
+    counted = found.corridors().sum(numeric_only=True)
+    assert counted.touched_not_blocked == found.not_blocked.sum()
+    assert (counted.touched, counted.blocked) == (found.touched.sum(), found.blocking[7].sum())
 
 
 def test_a_layout_that_the_arm_only_half_reaches_and_its_page(tmp_path):
