@@ -11,7 +11,6 @@ from statistics import median
 from typing import NamedTuple
 
 import hydra
-import numpy as np
 from omegaconf import DictConfig
 from tqdm import tqdm
 
@@ -47,7 +46,7 @@ def world(size: Size, names: Sequence[str], model: str | None) -> tuple[list[Pla
     Raises:
         InputError: no such model, or one of another layout.
     """
-    given = [] if model is None else [f"model={model}"]
+    given = [f"model={model}"] if model else []
     cfg = composed([f"layout={size.layout}", "reach=wide_hand", f"planner=[{','.join(names)}]", *given])
     reach = build.reach_of(cfg, "cpu")
     instances = InstanceSet.generate(reach, size.instances, size.obstacles, "test", size.seed)
@@ -86,20 +85,3 @@ def process_seconds(*command: str) -> float:
         subprocess.run(command, check=True, capture_output=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
         taken.append(time.perf_counter() - began)
     return median(taken)
-
-
-def about(size: Size) -> str:
-    """The instances, for a heading."""
-    low, high = size.obstacles.min_obstacles, size.obstacles.max_obstacles
-    n_obstacles = str(low) if low == high else f"{low}-{high}"
-    return f"{size.layout.replace('x', ' x ')}, {n_obstacles} obstacles, {size.instances:,} test instances"
-
-
-def spread(values: Sequence[float], percents: Sequence[int]) -> list[str]:
-    """Percentiles, to read; the 100th is the most."""
-    return [f"{np.percentile(values, percent):.1f}" for percent in percents]
-
-
-def share(part: int, whole: int) -> str:
-    """Per cent, to read."""
-    return f"{100 * part / whole:.2f} %" if whole else "-"

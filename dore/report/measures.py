@@ -65,6 +65,12 @@ def counted(rows: pd.DataFrame, of: str) -> Estimate:
     return replace(found, text=f"{known.sum():.0f} of {len(known)} [{found.low:.1f}, {found.high:.1f}] %")
 
 
+def lacking(rows: pd.DataFrame, of: str) -> Estimate:
+    """How many rows do not fulfil a condition, shown with how many there are: `2 of 50`."""
+    missed = len(rows) - int(values(rows, of).sum())
+    return Estimate(len(rows), missed, text=f"{missed} of {len(rows)}")
+
+
 def solved_of_solvable(rows: pd.DataFrame) -> Estimate:
     """The percentage that is solved, of the instances that some planner solves."""
     return estimates.share(int(rows.solved.sum()), int(rows.solvable.sum())).scaled(100)

@@ -87,9 +87,9 @@ def table_of(cells: pd.DataFrame, table: Spec) -> str:
     """The Markdown of one table: its rows over its columns, in the order in which they come or that it names.
 
     A study's table may say: head (above the rows' names), digits (significant ones), format (of all cells, or by
-    column or row: "{mean:.1f} [{low:.1f}, {high:.1f}]"), columns (their titles and order), missing (what stands where
-    there is no cell), n (`each`: in every cell; `shared`: in a line of its own where all our rows share it), mark (a
-    metric that is 1 where a cell gets a star, and the name of that metric's row).
+    column, row or "row: column": "{mean:.1f} [{low:.1f}, {high:.1f}]"), columns (their titles and order),
+    missing (what stands where there is no cell), n (`each`: in every cell; `shared`: in a line of its own where all our
+    rows share it), mark (a metric that is 1 where a cell gets a star, and the name of that metric's row).
     """
     mine = cells[cells.metric == table["name"]]
     titles = {str(key): str(title) for key, title in table.get("columns", {}).items()}
@@ -136,7 +136,8 @@ def _cell(one: Mapping[str, Any] | None, table: Spec, with_n: bool) -> str:
     if one.get(TEXT):
         return str(one[TEXT])
     formats = table.get("format", {})
-    template = formats if isinstance(formats, str) else formats.get(one["column"], formats.get(one["row"]))
+    keys = (f"{one['row']}: {one['column']}", one["column"], one["row"])
+    template = formats if isinstance(formats, str) else next((formats[key] for key in keys if key in formats), None)
     if math.isnan(one["mean"]):
         return "-"
     if template:

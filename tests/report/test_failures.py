@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import hydra
 import pytest
 import torch
@@ -75,6 +78,7 @@ def test_the_words_follow_the_numbers(tmp_path):
     assert "249 times as often" in most
     assert "most failures are" in most
     assert "| 1 | 100 | 2.0 | 83 | 83.8 | 83.0 [74.5, 89.1] |" in most
+    assert most.index("| 0 | 4800 |") < most.index("| 1 | 100 |")
     for line in ("| step limit | 99 | 100.0 |", "| move 4 or later | 99 |", "| a move: the distance stays | 99 |"):
         assert line in most, line
     assert "though not most" in page_of(tmp_path, (60, 40), (4700, 100))
@@ -94,6 +98,8 @@ def test_rows_and_a_picture(untrained, tmp_path, capsys):
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main([*words, "--columns", "3x6"]) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("failures: --columns: got '3x6', want LAYOUT_INSTANCES")
+    ended = subprocess.run([sys.executable, "-m", "scripts.failures", str(out), "--boards", "0"], capture_output=True)
+    assert (ended.returncode, ended.stderr[:25]) == (2, b"failures: --boards: got 0")
     with pytest.raises(InputError, match="got no rows"):
         write_measurements(out, [])
 
