@@ -69,6 +69,25 @@ def test_what_is_no_run_is_one_line(tmp_path, capsys):
     assert "is no run folder" in line
 
 
+def runner(minutes: str, environment: dict[str, str], code: int = 0) -> subprocess.CompletedProcess[str]:
+    script = [str(ROOT / "scripts" / "literal.sh"), minutes]
+    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    return done
+
+
+@pytest.mark.parametrize("minutes", ["", "abc", "1.5", "1", "-5"])
+def test_minutes_in_which_no_run_could_leave_a_checkpoint_are_refused(minutes):
+    (line,) = runner(minutes, dict(os.environ), code=2).stderr.splitlines()
+    assert f"minutes: got '{minutes}', want a whole number of 2 or more" in line
+
+
+def test_a_pattern_that_names_no_run_is_refused(tmp_path):
+    environment = os.environ | {"ONLY": "nothing", "LITERAL_HOME": str(tmp_path)}
+    (line,) = runner("3", environment, code=2).stderr.splitlines()
+    assert "ONLY: 'nothing' is the name of no run" in line
+
+
 @pytest.mark.slow
 def test_the_runner_stops_in_time_goes_on_and_skips_what_is_done(tmp_path):
     tiny = [one for one in TINY if not one.startswith(("layout.", "instances.m", "ipt.target", "logger", "training."))]
@@ -81,10 +100,8 @@ def test_the_runner_stops_in_time_goes_on_and_skips_what_is_done(tmp_path):
     }
 
     def start(minutes: int) -> str:
-        script = [str(ROOT / "scripts" / "literal.sh"), str(minutes)]
-        return subprocess.run(script, env=environment, capture_output=True, text=True, check=True).stdout
+        return runner(str(minutes), environment).stdout
 
-    assert "==" not in start(1), "no run is begun that could not leave a checkpoint in time"
     said = start(3)
     assert said.count("== ") == 2
     about = json.loads((tmp_path / "results" / "sequential_6x6_z3-5_seed0.json").read_text())
