@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from hydra.errors import InstantiationException
@@ -34,6 +34,15 @@ def renamed(node: Any) -> Any:
 def _renamed_class(name: Any) -> Any:
     old = next((old for old in MOVED if isinstance(name, str) and name.startswith(old)), None)
     return name if old is None else MOVED[old] + name.removeprefix(old)
+
+
+def leaves(node: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every value of a config or of nested mappings, with its whole dotted key."""
+    for key, value in node.items():
+        if isinstance(value, Mapping):
+            yield from leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
 
 
 def make(node: Any, name: str, **given: Any) -> Any:

@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> None:
     camera: CameraConfig = preset(f"camera/{chosen.camera}")
     started = time.perf_counter()
     chosen.picture.parent.mkdir(parents=True, exist_ok=True)
-    # A renderer compiles its shaders anew once no other is left: this one stays.
+    # A renderer compiles its shaders again once no other is left: this one stays.
     with standing(random_arrangement(LAYOUT, np.random.default_rng(chosen.seed)), camera) as env:
         rendered(env)
         scenes, objects = upright_scenes(camera, chosen.scenes, chosen.seed, chosen.picture)

@@ -18,7 +18,7 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.configure import renamed
+from dore.configure import leaves, renamed
 from dore.errors import InputError, path_of
 from dore.files import atomic_write, commit, locked
 
@@ -116,21 +116,12 @@ def check_same(folder: Path, cfg: DictConfig) -> None:
         InputError: it does not, or is damaged; names the first key that differs.
     """
     given = OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True))  # By way of a file, as the run's own.
-    was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(given))
+    was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(cast(DictConfig, given)))
     added = [key for key in now if key.startswith("worlds.") and key not in was]
     for key in (*was, *added):
         learns = key.split(".")[0] in (*LEARNING, "worlds") and key not in SPENDING
         if learns and now.get(key) != was.get(key):
             raise InputError(f"run_dir: {folder} was started with {key}={was.get(key)}, not {now.get(key)}")
-
-
-def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every value of a config with its whole key."""
-    for key, value in node.items():
-        if isinstance(value, DictConfig):
-            yield from leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
 
 
 def mark_done(folder: Path, result: Mapping[str, Any]) -> None:

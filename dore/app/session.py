@@ -115,7 +115,7 @@ class Session:
             tested = self.trainer.run_test()
             self._keep_best(tested)
             self._log(progress, tested)
-        if self.trainer.budget.keep == "last" or not (self.folder / MODEL_NAME).exists():
+        if not (self.folder / MODEL_NAME).exists():
             self._save_model(MODEL_NAME)
         if reason is not StopReason.INTERRUPTED:
             mark_done(self.folder, {"ending": str(reason), **asdict(progress)})

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from dore.configure import leaves
 from dore.errors import InputError
 from dore.files import atomic_write
 from dore.report.evaluation import COLUMNS as ROW_COLUMNS
@@ -193,17 +194,10 @@ def about_of(folder: Path) -> dict[str, Any]:
         path = folder / name
         if path.exists():
             content = yaml.safe_load(path.read_text(encoding="utf-8")) if name == CONFIG else read_json(path)
-            found |= {f"{prefix}.{key}": value for key, value in leaves(content)}
+            # A list is one value, written out.
+            values = ((key, str(value) if isinstance(value, list) else value) for key, value in leaves(content))
+            found |= {f"{prefix}.{key}": value for key, value in values}
     return found
-
-
-def leaves(node: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The dotted key and the value of everything in a mapping; a list is one value, written out."""
-    for key, value in node.items():
-        if isinstance(value, dict):
-            yield from leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", str(value) if isinstance(value, list) else value
 
 
 def read_json(path: Path) -> dict[str, Any]:
