@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 import os
 from pathlib import Path
 from typing import get_args
@@ -13,16 +14,36 @@ class InputError(ValueError):
 
 
 def whole(name: str, value: object, at_least: int, at_most: int | None = None) -> int:
-    """`value` as an int of `at_least` or more, and `at_most` at most.
+    """`value` as an int of `at_least` or more, and `at_most` at most; integers of NumPy and torch will do.
 
     Raises:
         InputError: it is no whole number, too small, or too large.
     """
-    if isinstance(value, bool) or not isinstance(value, int) or value < at_least:
-        raise InputError(f"{name}: got {value!r}, want a whole number of {at_least} or more")
-    if at_most is not None and value > at_most:
-        raise InputError(f"{name}: got {value!r}, want {at_most} at most")
-    return value
+    found = integer(value)
+    if found is None or found < at_least:
+        raise InputError(f"{name}: got {shown(value)}, want a whole number of {at_least} or more")
+    if at_most is not None and found > at_most:
+        raise InputError(f"{name}: got {shown(value)}, want {at_most} at most")
+    return found
+
+
+def shown(value: object) -> str:
+    """A value as a message names it: a line of 80 characters at most."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # An int of more digits than Python prints.
+        text = "a number of thousands of digits"
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def integer(value: object) -> int | None:
+    """An integer of Python, NumPy or torch as an int; None for a bool and everything else."""
+    if isinstance(value, bool) or "bool" in str(getattr(value, "dtype", "")):
+        return None
+    try:
+        return operator.index(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
 
 
 def seed_of(name: str, value: object) -> int:
@@ -37,7 +58,7 @@ def flag(name: str, value: object) -> bool:
         InputError: it is neither true nor false.
     """
     if not isinstance(value, bool):
-        raise InputError(f"{name}: got {value!r}, want true or false")
+        raise InputError(f"{name}: got {shown(value)}, want true or false")
     return value
 
 
@@ -48,7 +69,7 @@ def one_of(name: str, value: object, options: object) -> None:
         InputError: it is not an option.
     """
     if value not in get_args(options):
-        raise InputError(f"{name}: got {value!r}, want one of {', '.join(get_args(options))}")
+        raise InputError(f"{name}: got {shown(value)}, want one of {', '.join(get_args(options))}")
 
 
 def path_of(name: str, value: object) -> Path:
@@ -58,18 +79,33 @@ def path_of(name: str, value: object) -> Path:
         InputError: it is no text, or empty.
     """
     if not isinstance(value, str | os.PathLike) or not os.fspath(value):
-        raise InputError(f"{name}: got {value!r}, want a path")
+        raise InputError(f"{name}: got {shown(value)}, want a path")
     return Path(value)
 
 
-def number(name: str, value: object, above: float = -math.inf, at_most: float = math.inf) -> float:
-    """`value` as a finite float in (above, at_most].
+def number(name: str, value: object, above: float = -math.inf, at_most: float = math.inf, unit: str = "") -> float:
+    """`value` as a finite float in (above, at_most]; numbers of NumPy and torch will do.
+
+    Args:
+        unit: what the message says that the number is in.
 
     Raises:
         InputError: it is no number, not finite, or outside the interval.
     """
-    wrong = isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value)
-    if wrong or not above < value <= at_most:  # type: ignore[operator]
+    found = _real(value)
+    if not math.isfinite(found) or not above < found <= at_most:
         bounds = [f"above {above:g}"] * (above > -math.inf) + [f"at most {at_most:g}"] * (at_most < math.inf)
-        raise InputError(f"{name}: got {value!r}, want a finite number" + " and".join(f" {b}" for b in bounds))
-    return float(value)  # type: ignore[arg-type]
+        wanted = "want a finite number" + " and".join(f" {bound}" for bound in bounds)
+        raise InputError(f"{name}: got {shown(value)}, {wanted}" + f" ({unit})" * bool(unit))
+    return found
+
+
+def _real(value: object) -> float:
+    """A number of Python, NumPy or torch as a float; nan for what is none, or too large for one."""
+    kind = str(getattr(value, "dtype", ""))
+    if isinstance(value, bool | str | bytes) or "bool" in kind or not hasattr(value, "__float__"):
+        return math.nan
+    try:
+        return float(value)
+    except (OverflowError, TypeError, ValueError, RuntimeError):
+        return math.nan

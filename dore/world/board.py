@@ -25,8 +25,8 @@ def cell_bits(n_cells: int, device: torch.device | str | None = None) -> Tensor:
 
 def pack(occupied: Tensor) -> Tensor:
     """Bool[..., G] -> Int64[..., W]."""
-    bits = cell_bits(occupied.shape[-1], occupied.device)
-    words = [(occupied * bits[:, w]).sum(-1) for w in range(bits.shape[1])]
+    bits = torch.ones((), dtype=torch.int64, device=occupied.device) << torch.arange(WORD, device=occupied.device)
+    words = [(part * bits[: part.shape[-1]]).sum(-1) for part in occupied.split(WORD, -1)]
     return torch.stack(words, -1)
 
 

@@ -7,22 +7,84 @@ from __future__ import annotations
 
 import json
 import os
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
+from msgspec import Meta
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from dore.errors import InputError, number
+from dore.errors import InputError, shown
 from dore.files import atomic_write
-from dore.world.layout import Layout
+from dore.schema import Count, Degrees, checked, named, read_json
+from dore.world.layout import MAX_CELLS, Layout
 from dore.world.plan import Move, Plan, PlanFile, Status, replay
 from dore.world.problem import Problem, Scene, cell_id
 from dore.world.reach import Reach
 
 SCENE_FORMAT = "dore-scene/1"
 PLAN_FORMAT = "dore-plan/1"
+Id = Annotated[int, Meta(ge=1, le=MAX_CELLS)]
+
+
+class _ReachFields(msgspec.Struct, forbid_unknown_fields=True):
+    clearance_m: float
+    half_fan_deg: float
+    n_sectors: int
+    staging_m: float = 0.0
+    lateral_limit_m: float | None = None
+    max_yaw_deg: float | None = None
+
+
+class _MoveFields(msgspec.Struct, forbid_unknown_fields=True):
+    pick: Id
+    place: Id
+    pick_direction_deg: Degrees
+    place_direction_deg: Degrees
+
+
+class _SceneFields(msgspec.Struct, forbid_unknown_fields=True):
+    """A scene file."""
+
+    format: str
+    layout: dict[str, Any]
+    obstacles: list[Id]
+    target: Id
+
+    def scene(self) -> Scene:
+        """The scene that they describe."""
+        return Scene(Layout.from_dict(self.layout), tuple(cell - 1 for cell in self.obstacles), self.target - 1)
+
+
+class _PlanFields(_SceneFields, forbid_unknown_fields=True, kw_only=True):
+    """A plan file: a scene's fields, and these."""
+
+    reach: _ReachFields
+    status: Status
+    moves: list[_MoveFields]
+    target_direction_deg: Degrees | None
+    planner: str
+    planning_s: Annotated[float, Meta(ge=0)] = 0.0
+    optimal_moves: Count | None = None
+
+    def plan(self) -> Plan:
+        """The plan that they hold, not replayed."""
+        moves = tuple(
+            Move(move.pick - 1, move.place - 1, move.pick_direction_deg, move.place_direction_deg)
+            for move in self.moves
+        )
+        return Plan(
+            self.status,
+            moves,
+            self.target_direction_deg,
+            self.planner,
+            self.planning_s,
+            optimal_moves=self.optimal_moves,
+        )
+
+
+KINDS: dict[str, type[_SceneFields]] = {SCENE_FORMAT: _SceneFields, PLAN_FORMAT: _PlanFields}
 
 
 def read_scene(path: str | os.PathLike[str]) -> Scene:
@@ -31,11 +93,8 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     Raises:
         InputError: no such file, no JSON, or a field that is wrong.
     """
-    data = _read(path, (SCENE_FORMAT, PLAN_FORMAT))
-    try:
-        return _scene(data)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+    with named(path):
+        return _read(path, (SCENE_FORMAT, PLAN_FORMAT)).scene()
 
 
 def write_scene(path: str | os.PathLike[str], scene: Scene) -> None:
@@ -49,15 +108,12 @@ def read_plan(path: str | os.PathLike[str]) -> PlanFile:
     Raises:
         InputError: no such file, no JSON, a field that is wrong, or a plan that does not replay.
     """
-    data = _read(path, (PLAN_FORMAT,))
-    try:
-        scene = _scene(data)
-        problem = Problem(scene, _reach(scene.layout, data.get("reach")))
-        plan = _plan(data)
+    with named(path):
+        fields = _read(path, (PLAN_FORMAT,))
+        scene, plan = fields.scene(), fields.plan()
+        problem = Problem(scene, Reach(scene.layout, **msgspec.structs.asdict(fields.reach)))
         replay(problem, plan)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    return PlanFile(problem, plan)
+        return PlanFile(problem, plan)
 
 
 def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
@@ -102,7 +158,7 @@ def read_tensors(path: str | os.PathLike[str], wanted_format: str) -> tuple[dict
     """Tensors, on the CPU, and header.
 
     Raises:
-        InputError: no such file, a damaged one, or one of another format.
+        InputError: no such file, a damaged one, one of another format, or a number that is not finite.
     """
     try:
         with safe_open(os.fspath(path), framework="pt") as file:
@@ -117,17 +173,13 @@ def read_tensors(path: str | os.PathLike[str], wanted_format: str) -> tuple[dict
     return tensors, header
 
 
-def _read(path: str | os.PathLike[str], formats: tuple[str, ...]) -> dict[str, Any]:
-    try:
-        data = json.loads(Path(path).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: cannot be read as JSON ({error})") from None
-    if not isinstance(data, dict) or data.get("format") not in formats:
-        got = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise InputError(f"{path}: format {got!r}, want {' or '.join(formats)}")
-    return data
+def _read(path: str | os.PathLike[str], formats: tuple[str, ...]) -> Any:
+    """The fields of a file of one of these formats."""
+    data = read_json(path)
+    found = data.get("format") if isinstance(data, dict) else type(data).__name__
+    if found not in formats:
+        raise InputError(f"format {shown(found)}, want {' or '.join(formats)}")
+    return checked(data, KINDS[found])
 
 
 def _write(path: str | os.PathLike[str], fields: dict[str, Any]) -> None:
@@ -142,59 +194,3 @@ def _scene_fields(scene: Scene) -> dict[str, Any]:
         "obstacles": [cell_id(cell) for cell in scene.obstacles],
         "target": cell_id(scene.target),
     }
-
-
-def _scene(data: dict[str, Any]) -> Scene:
-    obstacles = data.get("obstacles")
-    if not isinstance(obstacles, list):
-        raise InputError(f"scene.obstacles: got {obstacles!r}, want a list of ids")
-    return Scene(
-        Layout.from_dict(data.get("layout")),
-        tuple(_cell("scene.obstacles", cell) for cell in obstacles),
-        _cell("scene.target", data.get("target")),
-    )
-
-
-def _reach(layout: Layout, data: object) -> Reach:
-    if not isinstance(data, dict):
-        raise InputError(f"reach: got {data!r}, want an object with clearance_m, half_fan_deg, n_sectors")
-    try:
-        return Reach(layout, **data)
-    except TypeError as error:
-        raise InputError(f"reach: {str(error).replace('Reach.__init__() ', '')}") from None
-
-
-def _plan(data: dict[str, Any]) -> Plan:
-    try:
-        status = Status(str(data.get("status")))
-    except ValueError:
-        wanted = ", ".join(Status)
-        raise InputError(f"plan.status: got {data.get('status')!r}, want one of {wanted}") from None
-    moves = data.get("moves")
-    if not isinstance(moves, list) or not all(isinstance(move, dict) for move in moves):
-        raise InputError(f"plan.moves: got {moves!r}, want a list of moves")
-    direction = data.get("target_direction_deg")
-    optimal = data.get("optimal_moves")
-    return Plan(
-        status,
-        tuple(
-            Move(
-                _cell("plan.moves.pick", move.get("pick")),
-                _cell("plan.moves.place", move.get("place")),
-                number("plan.moves.pick_direction_deg", move.get("pick_direction_deg")),
-                number("plan.moves.place_direction_deg", move.get("place_direction_deg")),
-            )
-            for move in moves
-        ),
-        None if direction is None else number("plan.target_direction_deg", direction),
-        str(data.get("planner", "unknown")),
-        number("plan.planning_s", data.get("planning_s", 0.0)),
-        optimal_moves=None if optimal is None else int(number("plan.optimal_moves", optimal)),
-    )
-
-
-def _cell(name: str, value: object) -> int:
-    """The cell of an id that a file gives."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise InputError(f"{name}: id {value!r}, want a whole number")
-    return value - 1

@@ -7,13 +7,19 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import msgspec
 import torch
 from torch import Tensor
 
-from dore.errors import InputError, number, whole
+from dore.errors import InputError, number, shown, whole
+from dore.schema import checked
 
 MAX_CELLS = 1024
 """The accessibility table grows with the square of the cells."""
+MIN_CELL_M, MAX_CELL_M = 0.07, 1.0
+"""A cell holds one object, and those of the paper are 7 cm wide; centimetres lie above the upper bound."""
+FARTHEST_M = 10.0
+"""No centre is farther from the base, which tells metres from centimetres."""
 TABLE_CENTRE_M = 0.75
 """How far ahead of the base a regular layout's centre stands unless its front edge is given, metres."""
 
@@ -32,15 +38,14 @@ class Layout:
     grid_shape: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        number("layout.cell_m", self.cell_m, above=0.0)
-        whole("layout: how many cells", len(self.cells), 0, at_most=MAX_CELLS)
-        if not self.cells:
-            raise InputError("layout.cells: got none, want one centre or more")
-        for cell, (x, y) in enumerate(self.cells):
-            if not (math.isfinite(x) and math.isfinite(y)) or x <= 0:
-                raise InputError(f"layout: centre of cell {cell + 1} is ({x:g}, {y:g}), want it ahead of the base")
-        if len(set(self.cells)) < len(self.cells):
-            raise InputError("layout.cells: two cells share a centre, want each where no other is")
+        object.__setattr__(self, "cell_m", _edge(self.cell_m))
+        object.__setattr__(self, "cells", _centres(self.cells))
+        gap, one, other = _nearest_two(self.centres)
+        if gap < self.cell_m * (1 - 1e-6):
+            raise InputError(
+                f"layout.cells: the centres of cells {one + 1} and {other + 1} are {gap:.3g} m apart, "
+                f"want at least cell_m, {self.cell_m:g} m, so that objects on both do not touch"
+            )
 
     @classmethod
     def grid(cls, rows: int, cols: int, cell_m: float, front_m: float | None = None) -> Layout:
@@ -51,10 +56,10 @@ class Layout:
         Raises:
             InputError: a count below 1, a size that is not finite and positive, a cell behind the base.
         """
-        whole("layout.rows", rows, 1, at_most=MAX_CELLS)
-        whole("layout.cols", cols, 1, at_most=MAX_CELLS)
+        rows = whole("layout.rows", rows, 1, at_most=MAX_CELLS)
+        cols = whole("layout.cols", cols, 1, at_most=MAX_CELLS)
         whole("layout.rows x layout.cols", rows * cols, 1, at_most=MAX_CELLS)
-        number("layout.cell_m", cell_m, above=0.0)
+        cell_m = _edge(cell_m)
         if front_m is None:
             front_m = TABLE_CENTRE_M - rows * cell_m / 2
             if front_m <= 0:
@@ -62,13 +67,13 @@ class Layout:
                     f"layout.rows: {rows} rows of {cell_m:g} m reach behind the base when the table's centre "
                     f"is {TABLE_CENTRE_M:g} m ahead; want fewer rows, smaller cells or front_m"
                 )
-        number("layout.front_m", front_m, above=0.0)
+        front_m = number("layout.front_m", front_m, above=0.0, at_most=FARTHEST_M, unit="metres")
         cells = tuple(
             (front_m + cell_m * (row + 0.5), cell_m * ((cols - 1) / 2 - col))
             for row in range(rows)
             for col in range(cols)
         )
-        return cls(cells, float(cell_m), (rows, cols))
+        return cls(cells, cell_m, (rows, cols))
 
     @property
     def n_cells(self) -> int:
@@ -119,16 +124,56 @@ class Layout:
         Raises:
             InputError: a missing, unknown or bad key.
         """
-        if not isinstance(data, dict):
-            raise InputError(f"layout: got {data!r}, want an object with rows, cols and cell_m")
-        if "cells" in data:
-            try:
-                cells = tuple((float(x), float(y)) for x, y in data["cells"])
-            except (TypeError, ValueError):
-                raise InputError("layout.cells: want a list of [x, y] in metres") from None
-            return cls(cells, number("layout.cell_m", data.get("cell_m"), above=0.0))
-        unknown = set(data) - {"rows", "cols", "cell_m", "front_m"}
-        missing = {"rows", "cols", "cell_m"} - set(data)
-        if unknown or missing:
-            raise InputError(f"layout: unknown {sorted(unknown)}, missing {sorted(missing)}; want rows, cols, cell_m")
-        return cls.grid(**data)
+        if isinstance(data, dict) and "cells" in data:
+            irregular = checked(data, _Cells, "layout")
+            return cls(tuple(irregular.cells), irregular.cell_m)
+        grid = checked(data, _Grid, "layout")
+        return cls.grid(grid.rows, grid.cols, grid.cell_m, grid.front_m)
+
+
+class _Grid(msgspec.Struct, forbid_unknown_fields=True):
+    rows: int
+    cols: int
+    cell_m: float
+    front_m: float | None = None
+
+
+class _Cells(msgspec.Struct, forbid_unknown_fields=True):
+    cells: list[tuple[float, float]]
+    cell_m: float
+
+
+def _edge(value: object) -> float:
+    return number("layout.cell_m", value, above=math.nextafter(MIN_CELL_M, 0), at_most=MAX_CELL_M, unit="metres")
+
+
+def _centres(cells: object) -> tuple[tuple[float, float], ...]:
+    """Pairs of floats from pairs of numbers, NumPy's and torch's among them.
+
+    Raises:
+        InputError: no pairs, none or too many of them, or one that is not ahead of the base.
+    """
+    try:
+        found = tuple((x, y) for x, y in cells)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise InputError(f"layout.cells: got {shown(cells)}, want a list of [x, y] in metres") from None
+    whole("layout: how many cells", len(found), 0, at_most=MAX_CELLS)
+    if not found:
+        raise InputError("layout.cells: got none, want one centre or more")
+    centres = []
+    for cell, (x, y) in enumerate(found, 1):
+        place = (number(f"layout.cells: x of cell {cell}", x), number(f"layout.cells: y of cell {cell}", y))
+        if place[0] <= 0 or math.hypot(*place) > FARTHEST_M:
+            wanted = f"want it ahead of the base and within {FARTHEST_M:g} m"
+            raise InputError(f"layout: centre of cell {cell} is ({place[0]:g}, {place[1]:g}), {wanted}")
+        centres.append(place)
+    return tuple(centres)
+
+
+def _nearest_two(centres: Tensor) -> tuple[float, int, int]:
+    """The smallest distance between two centres, metres, and which cells' they are; infinity for a single cell."""
+    distance = torch.cdist(centres, centres, compute_mode="donot_use_mm_for_euclid_dist")
+    distance.fill_diagonal_(math.inf)
+    nearest, other = distance.min(-1)
+    one = int(nearest.argmin())
+    return float(nearest[one]), one, int(other[one])

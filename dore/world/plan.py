@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dore.errors import InputError
+from dore.errors import InputError, integer, shown
 from dore.world.problem import Problem, Scene, cell_id
 from dore.world.reach import EDGE_RAD, Reach
 
@@ -38,6 +38,15 @@ class Move:
     pick_direction_deg: float
     place_direction_deg: float
 
+    def __post_init__(self) -> None:
+        for name in ("pick", "place"):
+            cell = integer(getattr(self, name))
+            if cell is None:
+                raise InputError(f"plan.moves.{name}: got {shown(getattr(self, name))}, want a whole number")
+            object.__setattr__(self, name, cell)
+        for name in ("pick_direction_deg", "place_direction_deg"):
+            object.__setattr__(self, name, float(getattr(self, name)))
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -62,6 +71,14 @@ class Plan:
     def __post_init__(self) -> None:
         if (self.status is Status.SOLVED) != (self.target_direction_deg is not None):
             raise InputError(f"plan: status {self.status} and target direction {self.target_direction_deg}")
+        if self.status is Status.UNSOLVABLE and (self.moves or self.optimal_moves is not None):
+            raise InputError(f"plan: status {self.status} with {len(self.moves)} moves, want none, and no optimum")
+        if self.optimal_moves is not None and self.optimal_moves < 0:
+            raise InputError(f"plan.optimal_moves: got {self.optimal_moves}, want 0 or more")
+        if self.status is Status.SOLVED and (self.optimal_moves or 0) > len(self.moves):
+            raise InputError(
+                f"plan.optimal_moves: got {self.optimal_moves}, and the plan has {len(self.moves)} moves, want no fewer"
+            )
 
 
 @dataclass(frozen=True)
@@ -94,8 +111,8 @@ def replay(problem: Problem, plan: Plan) -> list[set[int]]:
     scene = problem.scene
     standing = set(scene.obstacles)
     boards = [set(standing)]
-    for number, move in enumerate(plan.moves, 1):
-        where = f"move {number} ({cell_id(move.pick)} to {cell_id(move.place)})"
+    for count, move in enumerate(plan.moves, 1):
+        where = f"move {count} ({cell_id(move.pick)} to {cell_id(move.place)})"
         if move.pick not in standing:
             raise PlanError(f"{where}: no obstacle on cell {cell_id(move.pick)}")
         others = (standing - {move.pick}) | {scene.target}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from dore.errors import InputError
+from dore.errors import InputError, integer, shown
 from dore.world.board import pack
 from dore.world.layout import Layout
 from dore.world.reach import Reach
@@ -16,10 +17,10 @@ from dore.world.reach import Reach
 
 @dataclass(frozen=True)
 class Scene:
-    """Where the obstacles and the target stand. Cells count from 0.
+    """Where the obstacles and the target stand. Cells count from 0; integers and arrays of NumPy and torch will do.
 
     Raises:
-        InputError: a cell off the board, two objects on a cell, or the target among the obstacles.
+        InputError: no whole number, a cell off the board, two objects on a cell, or the target among the obstacles.
     """
 
     layout: Layout
@@ -27,14 +28,25 @@ class Scene:
     target: int
 
     def __post_init__(self) -> None:
-        for name, cell in [("obstacles", cell) for cell in self.obstacles] + [("target", self.target)]:
-            if not 0 <= cell < self.layout.n_cells:
-                raise InputError(f"scene.{name}: id {cell_id(cell)}, want 1 to {self.layout.n_cells}")
+        if not isinstance(self.obstacles, Iterable):
+            raise InputError(f"scene.obstacles: got {shown(self.obstacles)}, want a list of cells")
+        cells = tuple(_cell("obstacles", cell, self.layout) for cell in self.obstacles)
+        object.__setattr__(self, "obstacles", cells)
+        object.__setattr__(self, "target", _cell("target", self.target, self.layout))
         for cell in self.obstacles:
             if self.obstacles.count(cell) > 1:
                 raise InputError(f"scene.obstacles: two objects on cell {cell_id(cell)}, want one at most")
         if self.target in self.obstacles:
             raise InputError(f"scene.target: cell {cell_id(self.target)} holds an obstacle, want the target alone")
+
+
+def _cell(name: str, value: object, layout: Layout) -> int:
+    cell = integer(value)
+    if cell is None:
+        raise InputError(f"scene.{name}: got {shown(value)}, want a whole number")
+    if not 0 <= cell < layout.n_cells:
+        raise InputError(f"scene.{name}: id {cell_id(cell)}, want 1 to {layout.n_cells}")
+    return cell
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,10 @@ from dore.world import board as boards
 from dore.world.layout import Layout
 
 MAX_SECTORS = 720
+MAX_TABLE = 64_000_000
+"""Entries of the table, cells x sectors x cells: 32 x 32 cells with 60 sectors are the most, and take some seconds."""
+CHUNK = 64
+"""Cells whose part of the table is computed at once, for memory's sake."""
 EDGE_RAD = 1e-9
 """A sector that lies this near an obstacle's edge counts as covered, so that rounding never decides."""
 
@@ -55,16 +59,24 @@ class Reach:
         max_yaw_deg: float | None = None,
     ) -> None:
         self.layout = layout
-        self.clearance_m = number("reach.clearance_m", clearance_m, above=0.0)
+        self.clearance_m = number("reach.clearance_m", clearance_m, above=0.0, at_most=1.0, unit="metres")
         self.half_fan_deg = number("reach.half_fan_deg", half_fan_deg, above=0.0, at_most=180.0)
         self.n_sectors = whole("reach.n_sectors", n_sectors, 2, at_most=MAX_SECTORS)
-        self.staging_m = number("reach.staging_m", staging_m, above=-1e-12)
+        self.staging_m = number("reach.staging_m", staging_m, above=-1e-12, at_most=5.0, unit="metres")
         self.lateral_limit_m = (
-            None if lateral_limit_m is None else number("reach.lateral_limit_m", lateral_limit_m, above=0.0)
+            None
+            if lateral_limit_m is None
+            else number("reach.lateral_limit_m", lateral_limit_m, above=0.0, at_most=10.0, unit="metres")
         )
         self.max_yaw_deg = (
             None if max_yaw_deg is None else number("reach.max_yaw_deg", max_yaw_deg, above=0.0, at_most=180.0)
         )
+        size = layout.n_cells**2 * self.n_sectors
+        if size > MAX_TABLE:
+            raise InputError(
+                f"reach.n_sectors: {self.n_sectors} on {layout.n_cells} cells make a table of {size:,} entries, "
+                f"want {MAX_TABLE:,} at most: fewer sectors or cells"
+            )
         self.sectors_deg = torch.linspace(-self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64)
         self.mirror = layout.mirror
         self.allowed_sectors = self._allowed_sectors()
@@ -186,17 +198,21 @@ class Reach:
 
     def _covered(self) -> Tensor:
         """Bool[G, S, G]: whether an obstacle on cell k covers sector s of cell g."""
+        parts = [self._covered_from(cells) for cells in torch.arange(self.n_cells).split(CHUNK)]
+        return torch.cat(parts)
+
+    def _covered_from(self, cells: Tensor) -> Tensor:
+        """Bool[C, S, G]: `_covered` of Int64[C] cells."""
         centre = self.layout.centres
-        offset = centre[None] - centre[:, None]
+        offset = centre[None] - centre[cells, None]
         distance = offset.norm(dim=-1)
-        to_base = torch.atan2(-centre[:, 1], -centre[:, 0])
+        to_base = torch.atan2(-centre[cells, 1], -centre[cells, 0])
         bearing = torch.atan2(offset[..., 1], offset[..., 0]) - to_base[:, None]
         ratio = (self.clearance_m / distance.clamp_min(1e-12)).clamp_max(1.0)
         off = bearing[:, None, :] - self.sectors_deg.deg2rad()[None, :, None]
         off = torch.atan2(off.sin(), off.cos()).abs()
         covered = off <= torch.asin(ratio)[:, None, :] + EDGE_RAD
-        itself = torch.eye(self.n_cells, dtype=torch.bool)[:, None, :]
-        return covered & ~itself
+        return covered & (cells[:, None] != torch.arange(self.n_cells))[:, None, :]
 
     def _undominated(self) -> Tensor:
         """Int64[D, G, W]: for each cell, the sets of cells that must be empty for one of its corridors to be free.
