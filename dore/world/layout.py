@@ -16,10 +16,12 @@ from dore.schema import checked
 
 MAX_CELLS = 1024
 """The accessibility table grows with the square of the cells."""
-MIN_CELL_M, MAX_CELL_M = 0.07, 1.0
-"""A cell holds one object, and those of the paper are 7 cm wide; centimetres lie above the upper bound."""
+OBJECT_M = 0.07
+"""The paper's objects are this wide, so cells that lie nearer cannot both hold one."""
+MAX_CELL_M = 1.0
+"""No cell is larger, which tells metres from centimetres."""
 FARTHEST_M = 10.0
-"""No centre is farther from the base, which tells metres from centimetres."""
+"""No centre is farther from the base, for the same reason."""
 TABLE_CENTRE_M = 0.75
 """How far ahead of the base a regular layout's centre stands unless its front edge is given, metres."""
 
@@ -41,10 +43,10 @@ class Layout:
         object.__setattr__(self, "cell_m", _edge(self.cell_m))
         object.__setattr__(self, "cells", _centres(self.cells))
         gap, one, other = _nearest_two(self.centres)
-        if gap < self.cell_m * (1 - 1e-6):
+        if gap < OBJECT_M - 1e-9:
             raise InputError(
                 f"layout.cells: the centres of cells {one + 1} and {other + 1} are {gap:.3g} m apart, "
-                f"want at least cell_m, {self.cell_m:g} m, so that objects on both do not touch"
+                f"want {OBJECT_M:g} m or more, so that objects on both do not touch"
             )
 
     @classmethod
@@ -144,7 +146,7 @@ class _Cells(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def _edge(value: object) -> float:
-    return number("layout.cell_m", value, above=math.nextafter(MIN_CELL_M, 0), at_most=MAX_CELL_M, unit="metres")
+    return number("layout.cell_m", value, above=OBJECT_M - 1e-9, at_most=MAX_CELL_M, unit="metres")
 
 
 def _centres(cells: object) -> tuple[tuple[float, float], ...]:

@@ -166,7 +166,7 @@ def test_cells_nearer_than_they_are_wide_are_refused(tmp_path: Path) -> None:
     fields = {"format": "dore-scene/1", "obstacles": [1, 2], "target": 3}
     cells = {"cells": [[0.56, 0.0], [0.561, 0.0], [0.7, 0.0]], "cell_m": 0.12}
     (tmp_path / "scene.json").write_text(json.dumps({**fields, "layout": cells}))
-    with pytest.raises(InputError, match=r"the centres of cells 1 and 2 are 0\.001 m apart, want at least cell_m"):
+    with pytest.raises(InputError, match=r"the centres of cells 1 and 2 are 0\.001 m apart, want 0\.07 m or more"):
         read_scene(tmp_path / "scene.json")
 
 
