@@ -1,12 +1,29 @@
-"""The one exception that means "what you gave me is wrong"; it loads nothing."""
+"""The one exception that means "what you gave me is wrong", and the commands' exit codes; it loads nothing."""
 
 from __future__ import annotations
 
 import math
 import operator
 import os
+from enum import IntEnum
 from pathlib import Path
 from typing import get_args
+
+
+class ExitCode(IntEnum):
+    """What a command ends with."""
+
+    OK = 0
+    FAILED = 1
+    """Training diverged, a job broke, or an execution met a fault."""
+    BAD_INPUT = 2
+    UNSOLVABLE = 3
+    """dore-plan: proved to have no plan."""
+    REFUSED = 3
+    """dore-execute: nothing was moved."""
+    GAVE_UP = 4
+    STOPPED = 130
+    """By Ctrl-C; can be resumed."""
 
 
 class InputError(ValueError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import subprocess
 from collections.abc import Iterator
@@ -11,6 +12,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from dore.errors import InputError
+
+CONFIG_FILE, ABOUT_FILE, ROWS_FILE = "config.yaml", "about.json", "rows.csv"
+"""In a run's folder: its config, what made it, and the rows of an evaluation or a measuring program."""
+METRICS_FILE, DONE_FILE = "metrics.csv", "done.json"
+"""In a training's: its tests, and how it ended."""
 
 
 def conf_dir() -> Path:
@@ -59,6 +65,35 @@ def locked(folder: Path, name: str) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON file.
+
+    Raises:
+        InputError: no such file, or a damaged one.
+    """
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except ValueError as error:
+        raise InputError(f"{path}: damaged ({error})") from None
+    return found
+
+
+def read_done(folder: Path) -> dict[str, Any] | None:
+    """How a training ended: its `stop_reason` and its progress; None while it has not ended.
+
+    Raises:
+        InputError: a damaged file.
+    """
+    if not (folder / DONE_FILE).exists():
+        return None
+    done = read_json(folder / DONE_FILE)
+    if "ending" in done:  # The key's name in version 0.1.
+        done["stop_reason"] = done.pop("ending")
+    return done
 
 
 def commit() -> str | None:

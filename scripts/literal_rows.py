@@ -16,8 +16,8 @@ import pandas as pd
 
 from dore.app.run_folder import read_config
 from dore.errors import InputError
-from dore.files import atomic_write
-from dore.report.frame import ABOUT, DONE, METRICS, read_json, read_table
+from dore.files import ABOUT_FILE, METRICS_FILE, atomic_write, read_done, read_json
+from dore.report.frame import read_table
 
 MOST_ROWS = 1100
 """Tests of a run in its CSV file, evenly spaced; the last one always."""
@@ -54,7 +54,7 @@ def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
         InputError: no run folder, or a damaged one.
     """
     cfg = read_config(folder, ("agent", "layout", "instances", "training", "target_update", "seed"))
-    tests = read_table(folder / METRICS, ("episodes", "updates", "success", "loss", "epsilon"), text=())
+    tests = read_table(folder / METRICS_FILE, ("episodes", "updates", "success", "loss", "epsilon"), text=())
     tests = tests[tests.success.notna()].astype({"episodes": int, "updates": int})
     every, t_lim = cfg.target_update.value_network_update_interval + 1, cfg.training.max_episodes
     a_step = cfg.training.update_after == "step" and len(tests)
@@ -78,8 +78,9 @@ def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     reading = folder.name.removeprefix(f"{structure}_{column}").removesuffix(f"seed{cfg.seed}").strip("_")
     found = {"name": folder.name, "structure": structure, "column": column, "seed": cfg.seed, "reading": reading}
     found |= {"t_lim": t_lim, "t_lim_updates": round(t_lim * ratio), "copy_every": every}
-    commit, done = (read_json(folder / name) if (folder / name).exists() else {} for name in (ABOUT, DONE))
-    return found | {"commit": commit.get("commit"), "ending": done.get("ending")}, kept
+    about = read_json(folder / ABOUT_FILE) if (folder / ABOUT_FILE).exists() else {}
+    done = read_done(folder) or {}
+    return found | {"commit": about.get("commit"), "ending": done.get("stop_reason")}, kept
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from dore.configure import make
-from dore.errors import InputError, whole
+from dore.errors import InputError, path_of, whole
+from dore.learn.checkpoint import SHIPPED, load_model
 from dore.planners.base import Planner
 from dore.world.instances import InstanceSplits
 from dore.world.layout import Layout
@@ -66,15 +67,20 @@ def planner_of(cfg: DictConfig, reach: Reach) -> Planner:
     return planners[0]
 
 
-def world_of(cfg: DictConfig, model_config: Mapping[str, Any] | None) -> DictConfig:
-    """layout, reach and instances: a model's own, overridden by what the config gives."""
-    world = OmegaConf.create({name: (model_config or {}).get(name) for name in WORLD})
+def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
+    """layout, reach and instances: those of a model's config, overridden by what `cfg` gives."""
+    world = OmegaConf.create({name: (model or {}).get(name) for name in WORLD})
     for name in WORLD:
         given = cfg.get(name)
         if given is not None:
             # A whole preset replaces the model's; single keys, as an arm's front_m, change it.
             world[name] = given if "_target_" in given else OmegaConf.merge(world[name] or {}, given)
     return world
+
+
+def model_config(cfg: DictConfig) -> Mapping[str, Any]:
+    """What the given model was made with, or the one in the package."""
+    return load_model(SHIPPED if cfg.model is None else path_of("model", cfg.model))[1]
 
 
 def use_threads(threads: int) -> None:

@@ -1,4 +1,4 @@
-"""The commands. Nothing heavy is imported before a config is composed, so that --help answers at once."""
+"""The commands: a config is composed, the command's module runs it, and its exit code ends the process."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -17,16 +19,14 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.app import renamed, sweep, sweep_job
-from dore.errors import InputError
+from dore.errors import ExitCode, InputError
 from dore.files import conf_dir
 
-BAD_INPUT, STOPPED = 2, 130
 LONGEST_NAME = 120
 EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
 """Hydra's plugins that come with an extra of the package."""
 SIMULATOR = ("mani_skill", "sapien", "pinocchio", "coal", "gymnasium", "imageio", "PIL")
 """Modules that come with the extra `sim`."""
-Task = Callable[[DictConfig], int]
 
 
 def short_name(overrides: str) -> str:
@@ -41,68 +41,8 @@ def short_name(overrides: str) -> str:
 OmegaConf.register_new_resolver("short", short_name, replace=True)
 
 
-def train() -> None:
-    """dore-train."""
-
-    def task(cfg: DictConfig) -> int:
-        from dore.app.commands import train
-
-        return train(cfg)
-
-    _main("train", task)
-
-
-def evaluate() -> None:
-    """dore-evaluate."""
-
-    def task(cfg: DictConfig) -> int:
-        from dore.app.commands import evaluate
-
-        return evaluate(cfg)
-
-    _main("evaluate", task)
-
-
-def plan() -> None:
-    """dore-plan."""
-
-    def task(cfg: DictConfig) -> int:
-        from dore.app.commands import plan
-
-        return plan(cfg)
-
-    _main("plan", task)
-
-
-def execute() -> None:
-    """dore-execute."""
-
-    def task(cfg: DictConfig) -> int:
-        try:
-            from dore.app.execute import execute
-        except ModuleNotFoundError as error:
-            if error.name is None or error.name.partition(".")[0] not in SIMULATOR:
-                raise
-            missing = f"needs the simulator, and {error.name} is not installed"
-            raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
-        return execute(cfg)
-
-    _main("execute", task)
-
-
-def report() -> None:
-    """dore-report."""
-
-    def task(cfg: DictConfig) -> int:
-        from dore.app.report import report
-
-        return report(cfg)
-
-    _main("report", task)
-
-
-def _main(name: str, task: Task) -> None:
-    """Compose the config, run the task, exit with its code; what the user got wrong is one line and code 2."""
+def _main(name: str) -> None:
+    """Compose the config, run the command, exit with its code; what the user got wrong is one line and code 2."""
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises what it would print with a traceback.
 
     codes: list[int] = []
@@ -110,8 +50,8 @@ def _main(name: str, task: Task) -> None:
     def run(cfg: DictConfig) -> float | None:
         if name == "train" and HydraConfig.get().mode is RunMode.MULTIRUN:
             return sweep_job.run_job(cfg)
-        # A sweep goes on after a job that failed, and ends with the worst code.
-        codes.append(_guarded(name, lambda: task(cfg)))
+        # A sweep continues after a job that failed, and ends with the worst code.
+        codes.append(_guarded(name, lambda: _command(name)(cfg)))
         return None
 
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
@@ -123,8 +63,21 @@ def _main(name: str, task: Task) -> None:
         if code is None:
             raise
         print(f"dore-{name}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
-        sys.exit(max(code, sweep.FAILED))
+        sys.exit(max(code, ExitCode.FAILED))
     sys.exit(max([composed, *codes, sweep.conclude() or 0]))
+
+
+def _command(name: str) -> Callable[[DictConfig], int]:
+    """`NAME_command` of dore.app.NAME; imported only after the config is composed, so that --help answers at once."""
+    try:
+        module = import_module(f"dore.app.{name}")
+    except ModuleNotFoundError as error:
+        if name != "execute" or error.name is None or error.name.partition(".")[0] not in SIMULATOR:
+            raise
+        missing = f"needs the simulator, and {error.name} is not installed"
+        raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
+    command: Callable[[DictConfig], int] = getattr(module, f"{name}_command")
+    return command
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:
@@ -140,11 +93,11 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
         return 0
     except KeyboardInterrupt:
         print(f"dore-{name}: stopped", file=sys.stderr)
-        return STOPPED
+        return ExitCode.STOPPED
     except OSError as error:
         message = f"{error.filename or 'disk'}: {error.strerror or error}"
     print(f"dore-{name}: {' '.join(message.split())}", file=sys.stderr)
-    return BAD_INPUT
+    return ExitCode.BAD_INPUT
 
 
 def _config_message(command: str, text: str) -> str:
@@ -172,3 +125,11 @@ def _config_message(command: str, text: str) -> str:
     near = difflib.get_close_matches(last, options, n=1)
     hint = f" (did you mean {near[0]}?)" if near else ""
     return f"{key}: no such key{hint}; {parent or command} has: {', '.join(options)}"
+
+
+# The programs of pyproject.toml.
+train = partial(_main, "train")
+evaluate = partial(_main, "evaluate")
+plan = partial(_main, "plan")
+execute = partial(_main, "execute")
+report = partial(_main, "report")

@@ -9,11 +9,10 @@ from omegaconf import DictConfig
 
 from dore.app import build, run_folder
 from dore.configure import make
-from dore.errors import InputError, path_of, seed_of, whole
+from dore.errors import ExitCode, InputError, path_of, seed_of, whole
 from dore.planners.base import Planner
 from dore.sim.run.closed_loop import ClosedLoop
-from dore.sim.run.execution import Loop
-from dore.sim.run.execution import execute as carry_out
+from dore.sim.run.execution import Loop, execute
 from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.report import ExecutionReport
 from dore.sim.run.setup import REPORT_NAME, Setup
@@ -24,10 +23,8 @@ from dore.world.plan import Plan, PlanFile, Status
 from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 
-OK, FAULT, REFUSED = 0, 1, 3
 
-
-def execute(cfg: DictConfig) -> int:
+def execute_command(cfg: DictConfig) -> int:
     """Carry out a plan file, or plan a scene and carry that out, in an open or a closed loop.
 
     0: done; 1: a fault was seen on the way; 3: refused before anything moved.
@@ -41,11 +38,11 @@ def execute(cfg: DictConfig) -> int:
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = (_closed if cfg.loop == "closed" else _open)(cfg)
     with run_folder.claimed(cfg.run_dir, worth=REPORT_NAME) as folder:
-        report = carry_out(loop, setup, folder)
+        report = execute(loop, setup, folder)
     _print_report(report, folder)
     if report.refused:
-        return REFUSED
-    return OK if report.success else FAULT
+        return ExitCode.REFUSED
+    return ExitCode.OK if report.success else ExitCode.FAILED
 
 
 def setup_of(cfg: DictConfig, film: bool) -> Setup:

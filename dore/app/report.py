@@ -7,11 +7,11 @@ from typing import Any, cast
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from dore.errors import InputError, path_of, whole
+from dore.errors import ExitCode, flag, path_of, whole
 from dore.report import results, runs
 
 
-def report(cfg: DictConfig) -> int:
+def report_command(cfg: DictConfig) -> int:
     """Make a study's missing runs where that is asked for, then its page; the exit code.
 
     Raises:
@@ -21,15 +21,13 @@ def report(cfg: DictConfig) -> int:
     spec = cast(dict[str, Any], OmegaConf.to_container(node, resolve=True))
     name = str(HydraConfig.get().runtime.choices["study"])
     folder = None if cfg.folder is None else path_of("folder", cfg.folder)
-    if not isinstance(cfg.run, bool):
-        raise InputError(f"run: got {cfg.run!r}, want true or false")
     code = 0
-    if cfg.run:
+    if flag("run", cfg.run):
         if folder is None:
             folder = path_of("study.folder", spec.get("folder", f"outputs/{name}"))
         code = runs.make(spec, folder, whole("jobs", cfg.jobs, 1))
-        if code == runs.STOPPED:
-            print(f"stopped; go on with: dore-report study={name} run=true")
+        if code == ExitCode.STOPPED:
+            print(f"stopped; resume with: dore-report study={name} run=true")
             return code
     print(results.write(spec, name, folder, path_of("results", cfg.results)))
     return code

@@ -15,14 +15,15 @@ from pathlib import Path
 from typing import Any, cast
 
 import yaml
+from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.configure import leaves, renamed
 from dore.errors import InputError, path_of
-from dore.files import atomic_write, commit, locked
+from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done
 
-CONFIG, METRICS, CHECKPOINT, DONE = "config.yaml", "metrics.csv", "checkpoint.pt", "done.json"
+CHECKPOINT = "checkpoint.pt"
 BUDGET = "budget"
 """The stop reason of a run that a larger budget continues."""
 LEARNING = (
@@ -70,18 +71,18 @@ def clear_unstarted(folder: Path) -> None:
     if not folder.is_dir() or (folder / CHECKPOINT).exists():
         return
     # Killed while it wrote its first file, it has left that file's temporary one.
-    if (folder / CONFIG).exists() or all(path.suffix == ".tmp" for path in folder.iterdir()):
+    if (folder / CONFIG_FILE).exists() or all(path.suffix == ".tmp" for path in folder.iterdir()):
         with locked(folder, "run_dir"):
             shutil.rmtree(folder)
 
 
 def write_config(folder: Path, cfg: DictConfig) -> None:
     """Keep the resolved config, and what made the run."""
-    with atomic_write(folder / CONFIG) as file:
+    with atomic_write(folder / CONFIG_FILE) as file:
         file.write(OmegaConf.to_yaml(cfg, resolve=True))
     versions = {name: version(name) for name in _PACKAGES}
     about = {"started": time.strftime("%Y-%m-%dT%H:%M:%S%z"), "commit": commit(), "versions": versions}
-    with atomic_write(folder / "about.json") as file:
+    with atomic_write(folder / ABOUT_FILE) as file:
         json.dump(about, file, indent=2)
 
 
@@ -91,11 +92,11 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
     Raises:
         InputError: no run folder.
     """
-    path = Path(folder) / CONFIG
+    path = Path(folder) / CONFIG_FILE
     try:
         cfg = OmegaConf.load(path)
     except FileNotFoundError:
-        raise InputError(f"resume: {folder} is no run folder, it has no {CONFIG}") from None
+        raise InputError(f"resume: {folder} is no run folder, it has no {CONFIG_FILE}") from None
     except (OmegaConfBaseException, ValueError, yaml.YAMLError) as error:
         raise InputError(f"{path}: damaged ({' '.join(str(error).split())})") from None
     missing = [key for key in expected if not isinstance(cfg, DictConfig) or key not in cfg]
@@ -103,10 +104,15 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
         raise InputError(f"{path}: damaged or cut off, it lacks {', '.join(missing)}")
     if "updates_per_step" in (cast(DictConfig, cfg).get("training") or {}):
         raise InputError(
-            f"{path}: of version 0.1, whose training cannot go on; its model still plans and evaluates, "
+            f"{path}: of version 0.1, whose training cannot be resumed; its model still plans and evaluates, "
             "and a new run trains (training.updates and training.update_after instead of training.updates_per_step)"
         )
     return OmegaConf.create(renamed(OmegaConf.to_container(cfg)))
+
+
+def changes() -> list[str]:
+    """What the command line gives beside `resume`."""
+    return [change for change in HydraConfig.get().overrides.task if not change.startswith("resume=")]
 
 
 def check_same(folder: Path, cfg: DictConfig) -> None:
@@ -129,26 +135,25 @@ def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
     finite = {
         key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in result.items()
     }
-    with atomic_write(folder / DONE) as file:
+    with atomic_write(folder / DONE_FILE) as file:
         json.dump(finite, file, indent=2, allow_nan=False)
 
 
 def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None:
     """What `mark_done` wrote, unless that run has ended by its budget and `training` gives it a larger one."""
-    try:
-        done: dict[str, Any] = json.loads((folder / DONE).read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    done = read_done(folder)
+    if done is None:
         return None
     minutes = training["max_minutes"]
     out_of_time = minutes is not None and done["seconds"] >= 60 * minutes
-    if done["ending"] == BUDGET and not out_of_time and done["episodes"] < training["max_episodes"]:
+    if done["stop_reason"] == BUDGET and not out_of_time and done["episodes"] < training["max_episodes"]:
         return None
     return done
 
 
 def unmark_done(folder: Path) -> None:
-    """A run that goes on has not ended."""
-    (folder / DONE).unlink(missing_ok=True)
+    """A run that is resumed has not ended."""
+    (folder / DONE_FILE).unlink(missing_ok=True)
 
 
 class MetricsLog:

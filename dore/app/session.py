@@ -17,15 +17,16 @@ from torchrl.record.loggers import Logger
 from tqdm import tqdm
 
 from dore.app.build import MODEL
-from dore.app.run_folder import CHECKPOINT, METRICS, MetricsLog, mark_done
+from dore.app.run_folder import CHECKPOINT, MetricsLog, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
+from dore.files import METRICS_FILE
 from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, save_checkpoint, save_model
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for
 
-COLUMNS = (
+METRIC_COLUMNS = (
     "iteration",
     "env_steps",
     "episodes",
@@ -46,10 +47,10 @@ PRINT_S = 30.0
 
 
 def columns_of(trainer: Trainer) -> tuple[str, ...]:
-    """metrics.csv's columns: `COLUMNS`, and each world's success and moves where there are several."""
+    """metrics.csv's columns: `METRIC_COLUMNS`, and each world's success and moves where there are several."""
     if len(trainer.worlds) == 1:
-        return COLUMNS
-    return (*COLUMNS, *(f"{figure}_{name}" for figure in FIGURES for name in trainer.worlds))
+        return METRIC_COLUMNS
+    return (*METRIC_COLUMNS, *(f"{figure}_{name}" for figure in FIGURES for name in trainer.worlds))
 
 
 class Session:
@@ -69,7 +70,7 @@ class Session:
         plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
         self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
         progress = trainer.progress
-        self.metrics = MetricsLog(folder / METRICS, columns_of(trainer), progress.iteration if resumed else None)
+        self.metrics = MetricsLog(folder / METRICS_FILE, columns_of(trainer), progress.iteration if resumed else None)
         self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
         # No bar in a log file, but a line now and then.
         self.bar = tqdm(
@@ -101,7 +102,7 @@ class Session:
         self._conclude(reason)
         self.metrics.close()
         if self.trainer.progress.env_steps:
-            draw_learning_curve(self.folder / METRICS, self.folder / CURVE)
+            draw_learning_curve(self.folder / METRICS_FILE, self.folder / CURVE)
         return reason
 
     def _conclude(self, reason: StopReason) -> None:
@@ -118,7 +119,7 @@ class Session:
         if not (self.folder / MODEL_NAME).exists():
             self._save_model(MODEL_NAME)
         if reason is not StopReason.INTERRUPTED:
-            mark_done(self.folder, {"ending": str(reason), **asdict(progress)})
+            mark_done(self.folder, {"stop_reason": str(reason), **asdict(progress)})
 
     def _ask_to_stop(self, signum: int, frame: FrameType | None) -> None:
         """Stop after this iteration; a second signal stops at once."""

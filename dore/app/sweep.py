@@ -1,4 +1,4 @@
-"""A sweep's jobs (dore-train -m): each trains in a process of its own, and tells in a file how it ended.
+"""A sweep's jobs (dore-train -m): each trains in a process of its own, and records in a file how it ended.
 
 So a job that is killed takes no other with it, jobs do not write into each other's progress, and every launcher's
 workers report in the same way, on this machine or on another that shares the folder.
@@ -22,34 +22,34 @@ from hydra.core.override_parser.types import ValueType
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from dore.errors import InputError, path_of
+from dore.errors import ExitCode, InputError, path_of
 from dore.files import locked
 
-FAILED, BAD_INPUT, STOPPED = 1, 2, 130
 JOBS, STOP = "jobs", "stop"
-"""In a sweep's folder: each job's log and outcome, and the file that asks all jobs to stop."""
+"""In a sweep's folder: each job's log and result, and the file that asks all jobs to stop."""
 SWEEPING = "DORE_SWEEP_PID"
 """The environment variable by which a launcher's worker knows the process that it works for."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a job ended. code: its exit code. said: how it went, or why it broke. before: it was finished already.
+class JobResult:
+    """How a job of a sweep ended.
 
+    code: its exit code. message: how it went, or why it broke. before: it was finished already.
     success: its best IPT success; None where it is not finished.
     """
 
     folder: str
     overrides: list[str]
     code: int
-    said: str
+    message: str
     before: bool
     success: float | None
 
 
-def outcomes(root: Path) -> list[Outcome]:
+def results(root: Path) -> list[JobResult]:
     """Those of a sweep's jobs that have ended since it was started."""
-    found = (Outcome(**json.loads(path.read_text(encoding="utf-8"))) for path in (root / JOBS).glob("*.json"))
+    found = (JobResult(**json.loads(path.read_text(encoding="utf-8"))) for path in (root / JOBS).glob("*.json"))
     return sorted(found, key=lambda one: one.folder)
 
 
@@ -79,19 +79,19 @@ class Sweep:
     def conclude(self) -> int:
         """Say how the jobs ended, the broken ones by name; the exit code of the worst."""
         with self.held:
-            ended = outcomes(self.folder)
+            ended = results(self.folder)
             asked = (self.folder / STOP).exists()
-        done, stopped = ([one for one in ended if one.code == code] for code in (0, STOPPED))
+        done, stopped = ([one for one in ended if one.code == code] for code in (ExitCode.OK, ExitCode.STOPPED))
         broken = [one for one in ended if one not in (*done, *stopped)]
         before = sum(one.before for one in done)
         print(f"sweep {self.folder}: {len(done)} jobs done ({before} of them before), {len(broken)} broken", flush=True)
         for one in broken:
-            print(f"dore-train: broken: {one.folder} ({' '.join(one.overrides)}): {one.said}", file=sys.stderr)
+            print(f"dore-train: broken: {one.folder} ({' '.join(one.overrides)}): {one.message}", file=sys.stderr)
         if broken:
             print(f"the jobs' logs are in {self.folder / JOBS}")
         if stopped or asked:
-            print(f"stopped: {len(stopped)} jobs wait, and more may; the same command, with this folder, goes on")
-            return STOPPED
+            print(f"stopped: {len(stopped)} jobs wait, and more may; the same command, with this folder, resumes them")
+            return ExitCode.STOPPED
         return max((one.code for one in ended), default=0)
 
 
@@ -114,12 +114,12 @@ class Start(Callback):  # type: ignore[misc]
             _started = Sweep(path_of("hydra.sweep.dir", config.hydra.sweep.dir))
         except (InputError, OSError) as error:
             print(f"dore-train: {error}", file=sys.stderr)
-            raise SystemExit(BAD_INPUT) from None
+            raise SystemExit(ExitCode.BAD_INPUT) from None
         print(f"sweep in {_started.folder}", flush=True)
 
 
 def conclude() -> int | None:
-    """The exit code of the sweep that this process has started, said and done; None if it has started none."""
+    """The exit code of the sweep that this process has started, once it is reported; None if it has started none."""
     global _started
     sweep, _started = _started, None
     return None if sweep is None else sweep.conclude()
@@ -129,7 +129,7 @@ def _check_jobs_differ(config: DictConfig) -> None:
     """A job's folder is named after its overrides, so no two jobs may have the same.
 
     Raises:
-        InputError: a value that is given twice, or several values of a key that no name tells.
+        InputError: a value that is given twice, or several values of a key that is in no job's name.
     """
     given = [f"{key}={value}" for key, value in (config.hydra.sweeper.get("params") or {}).items()]
     unnamed = set(config.hydra.job.config.override_dirname.exclude_keys)

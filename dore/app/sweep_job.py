@@ -1,4 +1,4 @@
-"""One job of a sweep: it trains in a process of its own, into a folder of its own, and tells how it ended."""
+"""One job of a sweep: it trains in a process of its own, into a folder of its own, and records how it ended."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from dore.app.run_folder import check_same, finished
-from dore.app.sweep import BAD_INPUT, FAILED, JOBS, STOP, STOPPED, SWEEPING, Outcome, outcomes
-from dore.errors import InputError
+from dore.app.sweep import JOBS, STOP, SWEEPING, JobResult, results
+from dore.errors import ExitCode, InputError
 from dore.files import atomic_write
 
 POLL_S = 0.2
@@ -49,11 +49,10 @@ class Job:
         """Whether the sweep's process is gone."""
         return self.parent is not None and os.getppid() != self.parent
 
-    def ended(self, code: int, said: str, result: Mapping[str, Any] | None = None, before: bool = False) -> Outcome:
-        """Its outcome; `result` is what a finished run has left."""
-        return Outcome(
-            str(self.folder), self.overrides, code, said, before, None if result is None else result["best_success"]
-        )
+    def result(self, code: int, message: str, done: Mapping[str, Any] | None = None, before: bool = False) -> JobResult:
+        """What is recorded of it; `done` is what a finished run has left."""
+        success = None if done is None else done["best_success"]
+        return JobResult(str(self.folder), self.overrides, code, message, before, success)
 
 
 def run_job(cfg: DictConfig) -> float | None:
@@ -70,40 +69,40 @@ def run_job(cfg: DictConfig) -> float | None:
     with (records / f"{job.name.replace('/', '_')}.log").open("ab") as log:
         # A sweeper may ask for the same job twice; and a process that a killed worker left running holds the log, too.
         fcntl.flock(log, fcntl.LOCK_EX)
-        outcome = _run(job, cfg, log)
-        print(f"{job.name}: {'finished before, ' if outcome.before else ''}{outcome.said}", flush=True)
+        result = _run(job, cfg, log)
+        print(f"{job.name}: {'finished before, ' if result.before else ''}{result.message}", flush=True)
         digest = hashlib.sha256(" ".join(job.overrides).encode()).hexdigest()
         with atomic_write(records / f"{digest[:16]}.json") as file:
-            json.dump(asdict(outcome), file, indent=2)
+            json.dump(asdict(result), file, indent=2)
     if job.abandoned:
-        os._exit(STOPPED)  # A worker would wait without end for its result to be taken.
-    return outcome.success
+        os._exit(ExitCode.STOPPED)  # A worker would wait without end for its result to be taken.
+    return result.success
 
 
-def _run(job: Job, cfg: DictConfig, log: IO[bytes]) -> Outcome:
+def _run(job: Job, cfg: DictConfig, log: IO[bytes]) -> JobResult:
     """Train the job unless there is nothing to train, or it may not."""
-    for other in outcomes(job.root):
+    for other in results(job.root):
         if other.folder == str(job.folder) and other.overrides != job.overrides:
-            said = f"its folder is that of {' '.join(other.overrides)}, want different names (hydra.sweep.subdir)"
-            return job.ended(BAD_INPUT, said)
-    if result := finished(job.folder, cfg.training):
+            message = f"its folder is that of {' '.join(other.overrides)}, want different names (hydra.sweep.subdir)"
+            return job.result(ExitCode.BAD_INPUT, message)
+    if done := finished(job.folder, cfg.training):
         try:
             check_same(job.folder, cfg)
         except InputError as error:
-            return job.ended(BAD_INPUT, str(error))
-        return job.ended(0, _summary(result), result, before=True)
+            return job.result(ExitCode.BAD_INPUT, str(error))
+        return job.result(ExitCode.OK, _summary(done), done, before=True)
     stop = job.root / STOP
     if stop.exists():
-        return job.ended(STOPPED, "not started")
+        return job.result(ExitCode.STOPPED, "not started")
     print(f"{job.name}: started", flush=True)
-    code, said = _train(job, stop, log)
+    code, message = _train_in_process(job, stop, log)
     with suppress(OSError):
         job.folder.rmdir()  # Hydra made it; a job that could not start has left it empty.
-    result = finished(job.folder, cfg.training) if code == 0 else None
-    return job.ended(code, _summary(result) if result else said, result)
+    done = finished(job.folder, cfg.training) if code == ExitCode.OK else None
+    return job.result(code, _summary(done) if done else message, done)
 
 
-def _train(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
+def _train_in_process(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
     """dore-train in a process of its own; its exit code and the last line of its log."""
     quoted = str(job.folder).replace("'", "\\'")
     more = [f"run_dir='{quoted}'", "existing=continue"]
@@ -116,10 +115,12 @@ def _train(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
     asked = _wait(process, job, stop)
     code = process.returncode
     if asked and code != 0:
-        return STOPPED, "stopped"
+        return ExitCode.STOPPED, "stopped"
     if code < 0:
         name = signal.Signals(-code).name
-        return FAILED, f"killed by {name}" + (", as a system does that runs out of memory" if code == -9 else "")
+        return ExitCode.FAILED, f"killed by {name}" + (
+            ", as a system does that runs out of memory" if code == -9 else ""
+        )
     with open(log.name, "rb") as file:
         file.seek(began)
         lines = [line for line in file.read().decode(errors="replace").splitlines() if line.strip()]
@@ -143,9 +144,9 @@ def _wait(process: subprocess.Popen[bytes], job: Job, stop: Path) -> bool:
     return asked
 
 
-def _summary(result: dict[str, Any]) -> str:
+def _summary(done: dict[str, Any]) -> str:
     """A finished run in a few words."""
     return (
-        f"{result['ending']}, best IPT success {100 * result['best_success']:.1f} %, "
-        f"{result['episodes']} episodes in {result['seconds']:.0f} s"
+        f"{done['stop_reason']}, best IPT success {100 * done['best_success']:.1f} %, "
+        f"{done['episodes']} episodes in {done['seconds']:.0f} s"
     )

@@ -46,7 +46,7 @@ def trainer_of(cfg: DictConfig) -> Trainer:
         budget=budget,
     )
     worlds = {
-        name: _world_of(cfg, agent if name == MAIN else _on(agent, name, reach), reach, splits, budget)
+        name: _trained_world(cfg, agent if name == MAIN else _on(agent, name, reach), reach, splits, budget)
         for name, (reach, splits) in settings.items()
     }
     return Trainer(learner, worlds, epsilon, budget)
@@ -103,7 +103,7 @@ def _on(agent: Agent, name: str, reach: Reach) -> Agent:
     return moved
 
 
-def _world_of(cfg: DictConfig, agent: Agent, reach: Reach, splits: InstanceSplits, budget: Budget) -> World:
+def _trained_world(cfg: DictConfig, agent: Agent, reach: Reach, splits: InstanceSplits, budget: Budget) -> World:
     """One world of the run."""
     source = splits.train(reach, cfg.seed)
     with memory_for("env.num_envs", cfg.env.num_envs):

@@ -9,8 +9,8 @@ import torch
 import yaml
 
 from dore.configure import make, renamed
+from dore.files import CONFIG_FILE
 from dore.report.estimates import Estimate
-from dore.report.frame import CONFIG
 from dore.world.board import pack
 from dore.world.rules import retrievable
 
@@ -19,7 +19,7 @@ SAMPLE = 20_000
 
 def accessible_at_once(rows: pd.DataFrame) -> Estimate:
     """The percentage of random boards of these rows' world whose target is accessible; such boards are no instances."""
-    config = renamed(yaml.safe_load((Path(rows.folder.iloc[0]) / CONFIG).read_text(encoding="utf-8")))
+    config = renamed(yaml.safe_load((Path(rows.folder.iloc[0]) / CONFIG_FILE).read_text(encoding="utf-8")))
     reach = make(config["reach"], "reach", layout=make(config["layout"], "layout"))
     generator = torch.Generator().manual_seed(0)
     n_obstacles = int(config["instances"]["max_obstacles"])

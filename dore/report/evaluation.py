@@ -13,7 +13,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from dore.errors import InputError, whole
-from dore.files import atomic_write
+from dore.files import ROWS_FILE, atomic_write
 from dore.planners.base import Planner
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, PlanError, Status, replay
@@ -144,8 +144,8 @@ def _row(planner: str, number: int, problem: Problem, plan: Plan, timing: Timing
     )
 
 
-COLUMNS = tuple(field.name for field in fields(Row))
-ROWS, PARTIAL = "rows.csv", "rows.part.csv"
+ROW_COLUMNS = tuple(field.name for field in fields(Row))
+PARTIAL = "rows.part.csv"
 
 
 def evaluate_into(folder: Path, planners: Sequence[Planner], instances: InstanceSet, timing: Timing) -> None:
@@ -161,17 +161,17 @@ def evaluate_into(folder: Path, planners: Sequence[Planner], instances: Instance
     done = _whole_rows(partial)
     write_rows(partial, done)
     with partial.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(file, ROW_COLUMNS, lineterminator="\n")
         for row in rows_as_they_come(planners, instances, timing, done=done):
             writer.writerow(_record(row))
             file.flush()
-    partial.replace(folder / ROWS)
+    partial.replace(folder / ROWS_FILE)
 
 
 def write_rows(path: str | os.PathLike[str], rows: Sequence[Row]) -> None:
     """Write rows.csv, whole or not at all."""
     with atomic_write(path) as file:
-        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer = csv.DictWriter(file, ROW_COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(map(_record, rows))
 
@@ -209,8 +209,8 @@ def _whole_rows(path: Path) -> list[Row]:
 def _rows_in(file: Iterable[str], path: str | os.PathLike[str]) -> list[Row]:
     """The rows of an open file; messages call it `path`."""
     reader = csv.DictReader(file)
-    if tuple(reader.fieldnames or ()) != COLUMNS:
-        raise InputError(f"{path}: columns {reader.fieldnames}, want {', '.join(COLUMNS)}")
+    if tuple(reader.fieldnames or ()) != ROW_COLUMNS:
+        raise InputError(f"{path}: columns {reader.fieldnames}, want {', '.join(ROW_COLUMNS)}")
     return [_parse(f"{path}, line {reader.line_num}", record) for record in reader]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,11 +13,9 @@ import yaml
 
 from dore.configure import leaves
 from dore.errors import InputError
-from dore.files import atomic_write
-from dore.report.evaluation import COLUMNS as ROW_COLUMNS
-from dore.report.evaluation import ROWS
+from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, atomic_write, read_done, read_json
+from dore.report.evaluation import ROW_COLUMNS
 
-DONE, METRICS, CONFIG, ABOUT = "done.json", "metrics.csv", "config.yaml", "about.json"
 EXECUTION, ARGUMENTS = "execution.json", "arguments.json"
 PUSHED_MM = 5.0
 """An object that should not move was pushed if it moved by more than this."""
@@ -64,10 +61,10 @@ def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: dict[s
         InputError: a damaged file, or two evaluations of one world that differ in their instances.
     """
     rows, runs = [], []
-    for folder, names in folders(root, pattern, ROWS):
+    for folder, names in folders(root, pattern, ROWS_FILE):
         about = about_of(folder) | names
         runs.append(about)
-        table = read_table(folder / ROWS, ROW_COLUMNS, text=("planner", "status", "reason", "timing"))
+        table = read_table(folder / ROWS_FILE, ROW_COLUMNS, text=("planner", "status", "reason", "timing"))
         rows.append(
             table.assign(folder=str(folder), **names, **{name: about.get(key) for name, key in (keep or {}).items()})
         )
@@ -121,10 +118,10 @@ def trainings(root: Path, pattern: str) -> Source:
         InputError: a damaged file.
     """
     rows, runs = [], []
-    for folder, names in folders(root, pattern, DONE):
+    for folder, names in folders(root, pattern, DONE_FILE):
         about = about_of(folder) | names
         runs.append(about)
-        tests = read_table(folder / METRICS, ("episodes", "seconds", "success", "updates"), text=())
+        tests = read_table(folder / METRICS_FILE, ("episodes", "seconds", "success", "updates"), text=())
         tests = tests[tests.success.notna()]
         rows.append(tests.assign(**about, best=tests.success.max()) if len(tests) else pd.DataFrame([about]))
     return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))
@@ -189,30 +186,15 @@ def tables(folder: Path, pattern: str) -> Source:
 
 def about_of(folder: Path) -> dict[str, Any]:
     """Everything that a run's own files say of it, under dotted names: config, about, done, arguments."""
-    found: dict[str, Any] = {}
-    for name, prefix in ((CONFIG, "config"), (ABOUT, "about"), (DONE, "done"), (ARGUMENTS, "arguments")):
-        path = folder / name
-        if path.exists():
-            content = yaml.safe_load(path.read_text(encoding="utf-8")) if name == CONFIG else read_json(path)
-            # A list is one value, written out.
-            values = ((key, str(value) if isinstance(value, list) else value) for key, value in leaves(content))
-            found |= {f"{prefix}.{key}": value for key, value in values}
-    return found
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON file.
-
-    Raises:
-        InputError: no such file, or a damaged one.
-    """
-    try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except ValueError as error:
-        raise InputError(f"{path}: damaged ({error})") from None
-    return found
+    config = folder / CONFIG_FILE
+    files = {
+        "config": yaml.safe_load(config.read_text(encoding="utf-8")) if config.exists() else {},
+        "about": read_json(folder / ABOUT_FILE) if (folder / ABOUT_FILE).exists() else {},
+        "done": read_done(folder) or {},
+        "arguments": read_json(folder / ARGUMENTS) if (folder / ARGUMENTS).exists() else {},
+    }
+    # A list is one value, written out.
+    return {key: str(value) if isinstance(value, list) else value for key, value in leaves(files)}
 
 
 def read_table(path: Path, columns: Sequence[str], text: Sequence[str] | None) -> pd.DataFrame:

@@ -13,9 +13,8 @@ from typing import Any
 import pandas as pd
 
 from dore.errors import InputError
-from dore.files import atomic_write, commit
-from dore.report.evaluation import ROWS
-from dore.report.frame import ABOUT, Source, about_of, folders, read_table
+from dore.files import ABOUT_FILE, ROWS_FILE, atomic_write, commit
+from dore.report.frame import Source, about_of, folders, read_table
 
 
 def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]], **about: Any) -> None:
@@ -32,9 +31,9 @@ def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]], **about:
         raise InputError(f"{folder}: got no rows, want one or more")
     folder.mkdir(parents=True, exist_ok=True)
     known = {"commit": commit(), "versions": {"torch": version("torch")}, "machine": platform.machine()}
-    with atomic_write(folder / ABOUT) as file:
+    with atomic_write(folder / ABOUT_FILE) as file:
         json.dump(known | {"cores": os.cpu_count(), "load": f"{os.getloadavg()[0]:.2f}"} | about, file, indent=2)
-    with atomic_write(folder / ROWS) as file:
+    with atomic_write(folder / ROWS_FILE) as file:
         pd.DataFrame(rows).to_csv(file, index=False, lineterminator="\n")
 
 
@@ -45,7 +44,7 @@ def measurements(root: Path, pattern: str) -> Source:
         InputError: a damaged file.
     """
     rows, runs = [], []
-    for folder, names in folders(root, pattern, ROWS):
+    for folder, names in folders(root, pattern, ROWS_FILE):
         runs.append(about_of(folder) | names)
-        rows.append(read_table(folder / ROWS, (), text=None).assign(**names))
+        rows.append(read_table(folder / ROWS_FILE, (), text=None).assign(**names))
     return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))

@@ -10,10 +10,10 @@ from typing import Any
 import pandas as pd
 
 from dore.errors import InputError
-from dore.files import atomic_write
+from dore.files import atomic_write, read_json
 from dore.report import page, plots
 from dore.report.facts import facts_of
-from dore.report.frame import Source, read_cells, read_json, write_cells
+from dore.report.frame import Source, read_cells, write_cells
 from dore.report.sources import sources_of
 from dore.report.study import cells_of
 

@@ -1,4 +1,4 @@
-"""The runs of a study: what is missing is made, what is done is skipped, what was stopped goes on."""
+"""The runs of a study: what is missing is made, what is done is skipped, what was stopped is resumed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dore.errors import InputError
-from dore.report.evaluation import ROWS
-from dore.report.frame import CONFIG, DONE
+from dore.errors import ExitCode, InputError
+from dore.files import CONFIG_FILE, DONE_FILE, ROWS_FILE
 
-STOPPED = 130
 KINDS = ("train", "evaluate", "program")
 Spec = Mapping[str, Any]
 
@@ -42,17 +40,17 @@ class Job:
     @property
     def outdated(self) -> bool:
         """Whether the model is newer than the evaluation of it."""
-        weights, config = _weights(self.model), self.folder / CONFIG
+        weights, config = _weights(self.model), self.folder / CONFIG_FILE
         return weights is not None and config.exists() and weights.stat().st_mtime > config.stat().st_mtime
 
     def command(self) -> list[str]:
-        """What makes it, or goes on with it."""
+        """What makes or resumes it."""
         if self.kind == "program":
             return [sys.executable, "-m", *self.words]
         start = [sys.executable, "-c", f"from dore.app.cli import {self.kind}; {self.kind}()"]
         if self.kind == "train":
             return [*start, f"run_dir={self.folder}", "existing=continue", "logger=none", *self.words]
-        if (self.folder / CONFIG).exists():
+        if (self.folder / CONFIG_FILE).exists():
             return [*start, f"resume={self.folder}"]
         return [*start, f"run_dir={self.folder}", *self.words]
 
@@ -97,7 +95,7 @@ def _job(kind: str, entry: Spec, names: Spec, root: Path) -> Job:
     folder = root / _filled(entry[kind], shown)
     words = tuple(_words(entry.get("overrides", []), shown | {"root": root, "folder": folder}))
     model = _filled(entry["model"], shown | {"root": root}) if "model" in entry else None
-    makes = folder / {"train": DONE, "evaluate": ROWS}.get(kind, str(entry.get("makes", "")))
+    makes = folder / {"train": DONE_FILE, "evaluate": ROWS_FILE}.get(kind, str(entry.get("makes", "")))
     return Job(
         kind,
         folder,
@@ -120,7 +118,7 @@ def _filled(template: str, names: Spec) -> str:
 
 
 def make(spec: Spec, root: Path, at_a_time: int) -> int:
-    """Make every run of a study that is missing; a job that fails is named, and the others go on.
+    """Make every run of a study that is missing; a job that fails is named, and the others continue.
 
     Args:
         root: the folder below which the runs lie.
@@ -137,7 +135,7 @@ def make(spec: Spec, root: Path, at_a_time: int) -> int:
         )
         with ThreadPoolExecutor(at_a_time) as pool:
             code = max([code, *pool.map(_run, todo)])
-        if code == STOPPED:
+        if code == ExitCode.STOPPED:
             return code
     return code
 
@@ -152,4 +150,4 @@ def _run(job: Job) -> int:
     code = subprocess.run(job.command(), check=False).returncode
     if code:
         print(f"{job.folder}: ended with exit code {code}", file=sys.stderr)
-    return STOPPED if code < 0 else code
+    return ExitCode.STOPPED if code < 0 else code

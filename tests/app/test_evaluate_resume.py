@@ -1,4 +1,4 @@
-"""An evaluation that was stopped or killed goes on, and ends as one that was not."""
+"""An evaluation that was stopped or killed is resumed, and ends as one that was not."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from dore.errors import InputError
+from dore.files import ROWS_FILE
 from dore.planners.straight_line import StraightLine
 from dore.report.evaluation import (
     PARTIAL,
-    ROWS,
     Row,
     Timing,
     evaluate,
@@ -56,21 +56,21 @@ def untimed(rows: list[Row]) -> list[Row]:
 
 
 @pytest.mark.parametrize("timing", list(Timing))
-def test_stopped_and_gone_on_with_equals_uninterrupted(tmp_path: Path, timing: Timing) -> None:
+def test_stopped_and_resumed_equals_uninterrupted(tmp_path: Path, timing: Timing) -> None:
     """Stopped in the second planner's fifth instance, or in its only batch, and once more with a line cut off."""
     last = 6 if timing is Timing.SINGLE else 2
     with pytest.raises(KeyboardInterrupt):
         evaluate_into(tmp_path, [Stopping("a"), Stopping("b", last)], INSTANCES, timing)
-    assert not (tmp_path / ROWS).exists()
+    assert not (tmp_path / ROWS_FILE).exists()
     there = read_rows(tmp_path / PARTIAL)
     assert [row.planner for row in there] == ["a"] * 12 + ["b"] * (4 if timing is Timing.SINGLE else 0)
     with open(tmp_path / PARTIAL, "a", encoding="utf-8") as file:
         file.write("b,9,20,4,solv")
     evaluate_into(tmp_path, [Stopping("a", last=1), Stopping("b")], INSTANCES, timing)
-    rows = read_rows(tmp_path / ROWS)
+    rows = read_rows(tmp_path / ROWS_FILE)
     assert rows[: len(there)] == there, "what is there is not planned again"
     assert untimed(rows) == untimed(evaluate([Stopping("a"), Stopping("b")], INSTANCES, timing, progress=False))
-    assert [path.name for path in tmp_path.iterdir()] == [ROWS]
+    assert [path.name for path in tmp_path.iterdir()] == [ROWS_FILE]
 
 
 def test_a_batch_of_which_a_row_is_missing_is_planned_whole() -> None:
@@ -89,7 +89,7 @@ def test_rows_of_another_evaluation_are_refused(tmp_path: Path, change: dict) ->
         evaluate_into(tmp_path, [Stopping("a")], INSTANCES, Timing.SINGLE)
 
 
-def test_ctrl_c_says_how_to_go_on(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_ctrl_c_says_how_to_resume(tmp_path: Path, capsys, monkeypatch) -> None:
     assert run("evaluate", [*WORLD, f"run_dir={tmp_path / 'whole'}"]) == 0
     plan, calls = StraightLine.plan, []
 
@@ -102,17 +102,17 @@ def test_ctrl_c_says_how_to_go_on(tmp_path: Path, capsys, monkeypatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(StraightLine, "plan", stopped)
         assert run("evaluate", [*WORLD, f"run_dir={tmp_path / 'parts'}"]) == 130
-    assert f"go on with: dore-evaluate resume={tmp_path / 'parts'}" in capsys.readouterr().out
+    assert f"resume with: dore-evaluate resume={tmp_path / 'parts'}" in capsys.readouterr().out
     assert len(read_rows(tmp_path / "parts" / PARTIAL)) == 3
     # The second time there is nothing left to do but to show the tables.
     for _ in range(2):
         assert run("evaluate", [f"resume={tmp_path / 'parts'}"]) == 0
         assert "timing=single, threads=1" in capsys.readouterr().out
-    whole, parts = (read_rows(tmp_path / name / ROWS) for name in ("whole", "parts"))
+    whole, parts = (read_rows(tmp_path / name / ROWS_FILE) for name in ("whole", "parts"))
     assert untimed(whole) == untimed(parts)
 
 
-def test_a_killed_evaluation_goes_on(tmp_path: Path) -> None:
+def test_a_killed_evaluation_is_resumed(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     code = "from dore.app.cli import evaluate; evaluate()"
     overrides = [*WORLD, "limit=2000", "planner=exact", f"run_dir={folder}"]
@@ -125,8 +125,8 @@ def test_a_killed_evaluation_goes_on(tmp_path: Path) -> None:
     kept = (folder / PARTIAL).read_text(encoding="utf-8")
     kept = kept[: kept.rfind("\n") + 1]
     assert run("evaluate", [f"resume={folder}"]) == 0
-    assert (folder / ROWS).read_text(encoding="utf-8").startswith(kept)
-    assert len(read_rows(folder / ROWS)) == 2000
+    assert (folder / ROWS_FILE).read_text(encoding="utf-8").startswith(kept)
+    assert len(read_rows(folder / ROWS_FILE)) == 2000
 
 
 @pytest.mark.parametrize(

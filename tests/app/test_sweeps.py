@@ -36,9 +36,9 @@ def complaints(capsys: pytest.CaptureFixture[str]) -> list[str]:
     return [line for line in capsys.readouterr().err.splitlines() if line.startswith("dore-train")]
 
 
-def outcomes(folder: Path) -> dict[str, sweep.Outcome]:
+def outcomes(folder: Path) -> dict[str, sweep.JobResult]:
     """How each job of a sweep ended, by the end of its overrides."""
-    return {" ".join(one.overrides[len(TINY) :]): one for one in sweep.outcomes(folder)}
+    return {" ".join(one.overrides[len(TINY) :]): one for one in sweep.results(folder)}
 
 
 def folders(root: Path) -> list[Path]:
@@ -80,7 +80,7 @@ def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
     ]
 
 
-def test_a_sweep_again_skips_goes_on_and_starts_over(tmp_path, capsys):
+def test_a_sweep_again_skips_resumes_and_starts_over(tmp_path, capsys):
     arguments = ["-m", *TINY, "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
     assert run("train", arguments) == 0
     finished, stopped, young = (tmp_path / Path(outcomes(tmp_path)[f"seed={seed}"].folder).name for seed in range(3))
@@ -106,10 +106,9 @@ def test_ctrl_c_leaves_checkpoints_and_a_second_sweep_is_refused(tmp_path, capsy
     process.send_signal(signal.SIGINT)
     assert process.wait(60) == 130
     assert {one.code for one in outcomes(root).values()} == {130}
-    spent = [json.loads((folder / "about.json").read_text())["started"] for folder in folders(root)]
     # Fewer episodes than were played: what is left to do is to conclude.
     assert run("train", ["-m", *LONG, "training.max_episodes=50", "seed=0,1", f"hydra.sweep.dir={root}"]) == 0
-    assert len(list(root.glob("*/done.json"))) == len(spent) == 2
+    assert len(list(root.glob("*/done.json"))) == 2
     assert sweep.SWEEPING not in os.environ
 
 
@@ -136,7 +135,7 @@ def test_jobs_do_not_outlive_their_sweep(tmp_path):
 
     until(lambda: all(map(free, logs)), 60)
     until(lambda: not any(worker.exists() for worker in workers), 60)
-    assert all("stopped; go on with" in log.read_text() for log in logs)
+    assert all("stopped; resume with" in log.read_text() for log in logs)
 
 
 def test_a_killed_job_takes_no_other_with_it(tmp_path, capsys, monkeypatch):
@@ -207,10 +206,15 @@ def test_short_names_differ(tmp_path):
     assert short_name("") == "defaults"
 
 
-def test_a_folder_that_is_there_is_gone_on_with(tmp_path, capsys):
+def test_a_folder_that_is_there_is_resumed(tmp_path, capsys):
     folder = tmp_path / "run"
     arguments = [*TINY, f"run_dir={folder}", "existing=continue"]
     assert run("train", arguments) == 0
+    assert run("train", arguments) == 0
+    assert "finished already" in capsys.readouterr().out
+    done = json.loads((folder / "done.json").read_text())
+    done["ending"] = done.pop("stop_reason")  # as version 0.1 wrote it
+    (folder / "done.json").write_text(json.dumps(done))
     assert run("train", arguments) == 0
     assert "finished already" in capsys.readouterr().out
     assert run("train", [*arguments, "training.max_episodes=190", "agent.gamma=0.9"]) == 2
@@ -233,7 +237,7 @@ def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
     assert (folder / "metrics.csv").exists()
 
 
-def test_the_budgets_ending_is_known_without_torch():
+def test_the_budgets_stop_reason_is_known_without_torch():
     assert run_folder.BUDGET == StopReason.BUDGET
 
 

@@ -65,8 +65,8 @@ def training(folder: Path, *tests: Sequence[float], done: Mapping[str, Any] | No
     folder.mkdir(parents=True)
     lines = ["episodes,seconds,success,updates,rearrangements", *(",".join(map(str, one)) for one in tests)]
     (folder / "metrics.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    end = {"episodes": 900, "updates": 7, "seconds": 120.0, "best_success": 0.97, "ending": "budget"} | (done or {})
-    (folder / "done.json").write_text(json.dumps(end), encoding="utf-8")
+    end = {"stop_reason": "budget", "episodes": 900, "updates": 7, "seconds": 120.0, "best_success": 0.97}
+    (folder / "done.json").write_text(json.dumps(end | dict(done or {})), encoding="utf-8")
     _about(folder, {"seed": 0, "training": {"max_episodes": 1800, "max_minutes": 1}} | config)
 
 

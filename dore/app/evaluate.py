@@ -1,0 +1,86 @@
+"""What dore-evaluate does with a composed config: planners on a split, their rows, and the tables made from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig, open_dict
+
+from dore.app import build, run_folder
+from dore.errors import ExitCode, InputError, path_of
+from dore.files import CONFIG_FILE, ROWS_FILE
+from dore.planners.base import Planner
+from dore.report import tables
+from dore.report.evaluation import Timing, evaluate_into, read_rows
+from dore.world.instances import InstanceSet
+
+
+class Evaluation(NamedTuple):
+    """What dore-evaluate runs, built and checked."""
+
+    planners: list[Planner]
+    instances: InstanceSet
+    timing: Timing
+
+    @classmethod
+    def of(cls, cfg: DictConfig) -> Evaluation:
+        """Build it; `cfg` then names its whole world, and no longer depends on what the model's file says."""
+        build.use_threads(cfg.threads)
+        if cfg.split not in ("test", "validation"):
+            raise InputError(f"split: got {cfg.split!r}, want test or validation")
+        if cfg.timing not in tuple(Timing):
+            raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
+        world = build.world_of(cfg, build.model_config(cfg))
+        reach = build.reach_of(world, cfg.device)
+        splits = build.splits_of(world, reach)
+        planners = build.planners_of(cfg, reach)
+        instances: InstanceSet = splits.test(reach) if cfg.split == "test" else splits.validation(reach)
+        if cfg.limit is not None:
+            instances = instances.first(cfg.limit)
+        with open_dict(cfg):
+            cfg.merge_with(world)
+        return cls(planners, instances, Timing(cfg.timing))
+
+
+def evaluate_command(cfg: DictConfig) -> int:
+    """Evaluate planners on a split, or resume that, and print the tables made from its rows.csv; the exit code."""
+    if cfg.resume is not None:
+        folder = path_of("resume", cfg.resume)
+        cfg = _resumed_config(folder)
+        evaluation = Evaluation.of(cfg)
+    else:
+        evaluation = Evaluation.of(cfg)
+        with run_folder.claimed(_folder_of(cfg), worth=CONFIG_FILE) as folder:
+            run_folder.write_config(folder, cfg)
+    if not (folder / ROWS_FILE).exists():
+        try:
+            evaluate_into(folder, *evaluation)
+        except KeyboardInterrupt:
+            print(f"stopped; resume with: dore-evaluate resume={folder}")
+            return ExitCode.STOPPED
+    rows = read_rows(folder / ROWS_FILE)
+    print(tables.as_text(tables.summary_table(tables.summarise(rows))))
+    if len(evaluation.planners) > 1:
+        print()
+        print(tables.as_text(tables.paired_table(tables.compare(rows))))
+    print(f"{ROWS_FILE} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
+    return ExitCode.OK
+
+
+def _folder_of(cfg: DictConfig) -> Path:
+    """The evaluation's folder: its own in a sweep, so that no two jobs share one."""
+    settings = HydraConfig.get()
+    if settings.mode is RunMode.MULTIRUN:
+        cfg.run_dir = str(Path(settings.sweep.dir) / settings.sweep.subdir)
+    return path_of("run_dir", cfg.run_dir)
+
+
+def _resumed_config(folder: Path) -> DictConfig:
+    """An evaluation's own config, in which nothing may differ: rows of two kinds would be in one file."""
+    cfg = run_folder.read_config(folder, expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"))
+    if changes := run_folder.changes():
+        raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")
+    return cfg

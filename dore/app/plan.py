@@ -1,0 +1,56 @@
+"""What dore-plan does with a composed config: one scene, planned and drawn."""
+
+from __future__ import annotations
+
+from omegaconf import DictConfig
+
+from dore.app import build
+from dore.draw.boards import draw_plan
+from dore.errors import ExitCode, path_of, seed_of
+from dore.world.files import read_scene, write_plan
+from dore.world.instances import random_problem
+from dore.world.plan import Plan, PlanFile, Status
+from dore.world.problem import Batch, Problem, cell_id
+
+EXIT_CODES = {
+    Status.SOLVED: ExitCode.OK,
+    Status.UNSOLVABLE: ExitCode.UNSOLVABLE,
+    Status.GAVE_UP: ExitCode.GAVE_UP,
+}
+
+
+def plan_command(cfg: DictConfig) -> int:
+    """Plan one scene; write the plan, draw it, and print it; the exit code."""
+    build.use_threads(cfg.threads)
+    out = path_of("out", cfg.out)
+    picture = out.with_suffix(".png") if cfg.picture is None else path_of("picture", cfg.picture)
+    world = build.world_of(cfg, build.model_config(cfg))
+    if cfg.scene == "random":
+        reach = build.reach_of(world, cfg.device)
+        difficulty = build.splits_of(world, reach).difficulty
+        problem = random_problem(reach, difficulty, seed_of("seed", cfg.seed))
+    else:
+        scene = read_scene(path_of("scene", cfg.scene))
+        problem = Problem(scene, build.reach_of(world, cfg.device, scene.layout))
+    (found,) = build.planner_of(cfg, problem.reach).plan(Batch.of(problem))
+    write_plan(out, PlanFile(problem, found))
+    try:
+        draw_plan(problem, found, picture)
+    except OSError:
+        out.unlink()
+        raise
+    _print_plan(found, cell_id(problem.scene.target))
+    print(f"plan: {out}  picture: {picture}")
+    return EXIT_CODES[found.status]
+
+
+def _print_plan(found: Plan, target_id: int) -> None:
+    why = f" ({found.reason})" if found.reason else ""
+    print(f"{found.status}{why} by {found.planner} in {1000 * found.planning_s:.1f} ms, {len(found.moves)} moves")
+    for number, move in enumerate(found.moves, 1):
+        print(
+            f"  {number}. {cell_id(move.pick):>3} to {cell_id(move.place):<3}"
+            f"  pick from {move.pick_direction_deg:+.1f} deg, place from {move.place_direction_deg:+.1f} deg"
+        )
+    if found.target_direction_deg is not None:
+        print(f"  then the target on {target_id}, from {found.target_direction_deg:+.1f} deg")

@@ -1,0 +1,123 @@
+"""What dore-train does with a composed config: a new run, or one resumed from its checkpoint."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from dore.app import run_folder
+from dore.app.run_folder import CHECKPOINT
+from dore.app.session import CURVE, Session
+from dore.app.training import trainer_of
+from dore.errors import ExitCode, InputError, path_of
+from dore.files import DONE_FILE, METRICS_FILE, locked
+from dore.learn.checkpoint import load_checkpoint
+from dore.learn.trainer import Diverged, StopReason, Trainer
+from dore.memory import OutOfMemory
+
+logging.getLogger("torchrl").setLevel(logging.WARNING)
+
+
+def train_command(cfg: DictConfig) -> int:
+    """Train a new run, or resume one; the exit code."""
+    if cfg.resume is not None:
+        folder = path_of("resume", cfg.resume)
+        return _resume(folder, _resumed_config(folder))
+    if cfg.existing not in ("refuse", "continue"):
+        raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
+    folder = path_of("run_dir", cfg.run_dir)
+    if cfg.existing == "continue" and (folder / CHECKPOINT).exists():
+        run_folder.check_same(folder, cfg)
+        if run_folder.finished(folder, cfg.training):
+            print(f"{folder}: finished already")
+            return ExitCode.OK
+        original = run_folder.read_config(folder)
+        original.training = cfg.training
+        return _resume(folder, _moved_to(folder, original))
+    if cfg.existing == "continue":
+        run_folder.clear_unstarted(folder)
+    trainer = trainer_of(cfg)
+    with run_folder.claimed(folder, worth=CHECKPOINT):
+        run_folder.write_config(folder, cfg)
+        return _run(Session(trainer, folder, cfg, resumed=False))
+
+
+def _resume(folder: Path, cfg: DictConfig) -> int:
+    """Resume a run from its checkpoint, under a config that differs from its own in the budget alone."""
+    with locked(folder, "resume"):
+        trainer = trainer_of(cfg)
+        _load(trainer, folder / CHECKPOINT)
+        if trainer.spent() and (folder / DONE_FILE).exists():
+            done = trainer.progress
+            used = f"{done.episodes} episodes and {done.seconds:.0f} s"
+            print(f"{folder}: the budget is used up ({used}); training.max_episodes=... adds to it")
+            return ExitCode.OK
+        run_folder.unmark_done(folder)
+        run_folder.write_config(folder, cfg)
+        return _run(Session(trainer, folder, cfg, resumed=True))
+
+
+def _load(trainer: Trainer, checkpoint: Path) -> None:
+    state = load_checkpoint(checkpoint)
+    try:
+        trainer.load_state_dict(state)
+    except OutOfMemory:
+        raise
+    except (RuntimeError, KeyError, ValueError, TypeError) as error:
+        why = str(error).splitlines()[0]
+        raise InputError(f"{checkpoint}: from a different layout, network or version ({why})") from None
+
+
+def _resumed_config(folder: Path) -> DictConfig:
+    """The run's own config; of what the command line gives, only the budget may differ."""
+    cfg = run_folder.read_config(folder, expected=run_folder.LEARNING)
+    changes = run_folder.changes()
+    for change in changes:
+        if change.split("=")[0].lstrip("+~") not in run_folder.SPENDING:
+            allowed = ", ".join(run_folder.SPENDING)
+            raise InputError(f"resume: {change} cannot be changed in {folder}, only {allowed}")
+    cfg.merge_with_dotlist(changes)
+    return _moved_to(folder, cfg)
+
+
+def _moved_to(folder: Path, cfg: DictConfig) -> DictConfig:
+    """The config of a run whose folder may have been moved, or named from elsewhere; loggers write where it is now."""
+    for node in cfg.loggers.values():
+        for key, value in node.items():
+            if value == cfg.run_dir:
+                node[key] = str(folder)
+    cfg.run_dir = str(folder)
+    return cfg
+
+
+def _run(session: Session) -> int:
+    folder = session.folder
+    print(f"training in {folder}", flush=True)
+    try:
+        reason = session.run()
+    except Diverged as error:
+        print(f"dore-train: {error}", file=sys.stderr)
+        return ExitCode.FAILED
+    if reason is StopReason.INTERRUPTED:
+        print(f"stopped; resume with: dore-train resume={folder}")
+        return ExitCode.STOPPED
+    progress = session.trainer.progress
+    if not progress.updates:
+        print(f"{reason}: nothing was learned: {_before_the_first_update(session.trainer)}")
+        print(f"resume with: dore-train resume={folder} training.max_minutes=...")
+        return ExitCode.OK
+    success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
+    print(f"{reason}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
+    print(f"model, {METRICS_FILE} and {CURVE} are in {folder}")
+    return ExitCode.OK
+
+
+def _before_the_first_update(trainer: Trainer) -> str:
+    """How far a run is that has not made an update."""
+    progress, budget = trainer.progress, trainer.budget
+    if progress.filled < trainer.to_fill:
+        return f"the replay holds {progress.filled:,} of training.fill {trainer.to_fill:,} transitions"
+    return f"{progress.env_steps:,} steps were played, training.learning_starts is {budget.learning_starts:,}"
