@@ -1,7 +1,8 @@
-"""From a config node to the object that it names."""
+"""From a config node to the object that it names, and which objects a file may name."""
 
 from __future__ import annotations
 
+import importlib
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
 
-from dore.errors import InputError
+from dore.errors import InputError, shown
 
 MOVED = {
     "dore.agents.": "dore.learn.agents.",
@@ -22,6 +23,16 @@ MOVED = {
     "dore.instances.": "dore.world.instances.",
 }
 """Where the classes of version 0.1 are now, for the model files and run folders that name them."""
+
+OWN = ("dore.learn", "dore.planners", "dore.world")
+TORCH = (
+    *("torch.nn.modules", "torch.optim"),
+    *("torchrl.data.replay_buffers", "torchrl.objectives", "torchrl.record.loggers"),
+)
+"""Where the classes live that a model file or a run folder may name: this package's, torch's layers, and the parts of
+TorchRL that the configs use. Nothing else of what such a file says is ever imported or called."""
+
+_users: set[str] = set()
 
 
 def renamed(node: Any) -> Any:
@@ -80,3 +91,71 @@ def call(factory: Callable[..., Any], name: str, *given: Any, **named: Any) -> A
         raise
     except (ValueError, TypeError, ImportError) as error:
         raise InputError(f"{name}: {' '.join(str(error).split())}") from None
+
+
+def trust(*modules: str) -> None:
+    """Let files name the classes of these modules too, and of what lies inside them; `trust=[mine]` on a command line.
+
+    Raises:
+        InputError: no name of a module.
+    """
+    for module in modules:
+        if not isinstance(module, str) or not all(part.isidentifier() for part in module.split(".")):
+            raise InputError(f"trust: got {shown(module)}, want names of modules")
+    _users.update(modules)
+
+
+def check_classes(config: Any) -> None:
+    """Go through a config that a file gave, before any of it is built.
+
+    Raises:
+        InputError: it names something else than a class that files may name; that is neither imported nor called.
+    """
+    for name in _targets(config):
+        if not isinstance(name, str) or not _allowed(name):
+            raise InputError(
+                f"_target_: the file names {shown(name)}, want a class of dore or torch; "
+                "if you wrote it yourself: trust=[its module]"
+            )
+
+
+def _targets(node: Any) -> Iterator[Any]:
+    """The value of every `_target_` in a config."""
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            if key == "_target_":
+                yield value
+            else:
+                yield from _targets(value)
+    elif isinstance(node, list | tuple):
+        for value in node:
+            yield from _targets(value)
+
+
+def _allowed(name: str) -> bool:
+    if _within(name, tuple(_users)):
+        return True
+    if not _within(name, (*OWN, "torch.nn", "torch.optim", "torchrl.data", "torchrl.objectives", "torchrl.record")):
+        return False
+    found = _found(name)
+    if inspect.ismethod(found):  # A constructor of its own, as Layout.grid.
+        found = found.__self__
+    return inspect.isclass(found) and _within(found.__module__, (*OWN, *TORCH))
+
+
+def _within(name: str, modules: tuple[str, ...]) -> bool:
+    return any(name == module or name.startswith(f"{module}.") for module in modules)
+
+
+def _found(name: str) -> Any:
+    """What a dotted name stands for; None: nothing."""
+    parts = name.split(".")
+    for length in range(len(parts) - 1, 0, -1):
+        try:
+            found: Any = importlib.import_module(".".join(parts[:length]))
+        except ImportError:
+            continue
+        for part in parts[length:]:
+            found = getattr(found, part, None)
+        return found
+    return None

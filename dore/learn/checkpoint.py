@@ -6,23 +6,26 @@ kill in between leaves none under the name, and it writes no fsync; its folders 
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
-import pickle
-import zipfile
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import torch
 from torch import Tensor
 
-from dore.configure import renamed
+from dore.configure import check_classes, renamed
 from dore.errors import InputError
 from dore.files import atomic_write
+from dore.schema import Count, checked, named, parse_json
 from dore.world.files import read_tensors, write_tensors
 
 CHECKPOINT_FORMAT = "dore-checkpoint/1"
+SEALED = b"dore-checkpoint/2 "
+"""How a checkpoint begins; the SHA-256 of the rest follows. Older ones begin as torch's own files do."""
 MODEL_FORMAT = "dore-model/1"
 MODEL_NAME = "model.safetensors"
 """The model that a run returns."""
@@ -32,12 +35,24 @@ SHIPPED = Path(__file__).parents[1] / "weights" / "generalist.safetensors"
 """The model inside the package, for every layout; its card lies beside it."""
 
 
+class _ModelConfig(msgspec.Struct, forbid_unknown_fields=True):
+    """A model's config: the groups that build its networks, and what they learned from."""
+
+    layout: dict[str, Any]
+    reach: dict[str, Any]
+    instances: dict[str, Any]
+    agent: dict[str, Any]
+    network: dict[str, Any]
+    seed: Count | None = None
+
+
 def save_checkpoint(path: str | os.PathLike[str], parts: dict[str, Any]) -> None:
     """Write the named parts: state dicts, tensors and plain values."""
     # Through memory: on a full disk torch would mask the OSError.
     data = io.BytesIO()
     torch.save({"format": CHECKPOINT_FORMAT, **parts}, data)
     with atomic_write(path, "wb") as file:
+        file.write(SEALED + hashlib.sha256(data.getbuffer()).hexdigest().encode() + b"\n")
         file.write(data.getbuffer())
 
 
@@ -48,14 +63,27 @@ def load_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
         InputError: no such file, a damaged one, or one of another program.
     """
     try:
-        parts = torch.load(path, map_location="cpu", weights_only=True)
+        parts = torch.load(_unsealed(Path(path)), map_location="cpu", weights_only=True)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (RuntimeError, EOFError, OSError, pickle.UnpicklingError, zipfile.BadZipFile, KeyError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # A mutated pickle raises all kinds of errors in torch's unpickler.
         raise InputError(f"{path}: cut off or damaged ({_first_line(error)})") from None
     if not isinstance(parts, dict) or parts.get("format") != CHECKPOINT_FORMAT:
         raise InputError(f"{path}: no checkpoint of this program, want {CHECKPOINT_FORMAT}")
     return parts
+
+
+def _unsealed(path: Path) -> io.BytesIO:
+    """The part of a checkpoint that is torch's, if its digest is right."""
+    data = path.read_bytes()
+    if not data.startswith(SEALED):
+        return io.BytesIO(data)
+    head, _, rest = data.partition(b"\n")
+    if head != SEALED + hashlib.sha256(rest).hexdigest().encode():
+        raise InputError(f"{path}: cut off or damaged (its digest is not that of its content)")
+    return io.BytesIO(rest)
 
 
 def save_model(path: str | os.PathLike[str], weights: dict[str, Tensor], config: dict[str, Any]) -> None:
@@ -67,18 +95,16 @@ def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[st
     """Weights and config of a model file, or of the one in a run directory.
 
     Raises:
-        InputError: no such file, a damaged one, or one of another program.
+        InputError: no such file, a damaged one, one of another program, or one that names what files may not name.
     """
     path = Path(path)
     file = path / MODEL_NAME if path.is_dir() else path
-    weights, header = read_tensors(file, MODEL_FORMAT)
-    try:
-        config = json.loads(header["config"])
-    except (KeyError, json.JSONDecodeError):
-        config = None
-    if not isinstance(config, dict):
-        raise InputError(f"{file}: cut off or damaged (its config cannot be read)")
-    return weights, renamed(config)
+    with named(file):
+        weights, header = read_tensors(file, MODEL_FORMAT)
+        config = checked(renamed(parse_json(header.get("config", "null"))), _ModelConfig)
+        plain = {name: value for name, value in msgspec.structs.asdict(config).items() if value is not None}
+        check_classes(plain)
+    return weights, plain
 
 
 def _first_line(error: Exception) -> str:

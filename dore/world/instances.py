@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, seed_of, whole
+from dore.schema import named
 from dore.world.board import contains, count, unpack
 from dore.world.files import read_tensors, write_tensors
 from dore.world.generator import PATIENCE, Difficulty, FreshInstances, InstanceSource
@@ -46,10 +47,11 @@ class InstanceSet:
     """
 
     def __init__(self, reach: Reach, board: Tensor, target: Tensor) -> None:
-        if board.ndim != 2 or board.shape != (len(target), reach.n_words) or board.dtype != torch.int64:
+        fits = target.ndim == 1 and board.shape == (len(target), reach.n_words)
+        if not fits or board.dtype != torch.int64 or target.dtype != torch.int64:
             raise InputError(
-                f"instances: got {board.dtype}{list(board.shape)} boards for {len(target)} targets, "
-                f"want Int64[N, {reach.n_words}]"
+                f"instances: got {board.dtype}{list(board.shape)} boards, {target.dtype}{list(target.shape)} targets, "
+                f"want Int64[N, {reach.n_words}] and Int64[N]"
             )
         off = count(board) != unpack(board, reach.n_cells).sum(-1)
         bad_target = (target < 0) | (target >= reach.n_cells)
@@ -125,15 +127,13 @@ class InstanceSet:
         Raises:
             InputError: no such file, a damaged one, one of another layout or reach, or bad instances.
         """
-        tensors, header = read_tensors(path, FORMAT)
-        if set(tensors) != {"board", "target"}:
-            raise InputError(f"{path}: holds {', '.join(sorted(tensors))}, want board and target")
-        if header.get("world") != _world(reach):
-            raise InputError(f"{path}: made for {header.get('world')}, want {_world(reach)}")
-        try:
+        with named(path):
+            tensors, header = read_tensors(path, FORMAT)
+            if set(tensors) != {"board", "target"}:
+                raise InputError(f"holds {', '.join(sorted(tensors))}, want board and target")
+            if header.get("world") != _world(reach):
+                raise InputError(f"made for {header.get('world')}, want {_world(reach)}")
             return cls(reach, tensors["board"].to(reach.device), tensors["target"].to(reach.device))
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
 
 
 class FixedInstances:

@@ -102,10 +102,13 @@ def test_an_altered_file_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"made for .*, want "):
         InstanceSet.load(path, Reach(Layout.grid(4, 5, 0.12), **PUBLISHED))  # type: ignore[arg-type]
     data = path.read_bytes()
-    # The last bytes are the last target: 255 there is a cell off the board.
     path.write_bytes(data[:-8] + b"\xff" * 8)
-    with pytest.raises(InputError, match="number 5 has a target off the board"):
+    with pytest.raises(InputError, match="its digest is not that of its content"):
         InstanceSet.load(path, REACH)
+    with pytest.raises(InputError, match="number 5 has a target off the board"):
+        InstanceSet(REACH, instances.board, torch.cat([instances.target[:-1], torch.tensor([255])]))
+    with pytest.raises(InputError, match=r"torch\.int32"):
+        InstanceSet(REACH, instances.board, instances.target.int())
     save_file({"board": instances.board, "target": instances.target}, path)
     with pytest.raises(InputError, match="format None"):
         InstanceSet.load(path, REACH)
