@@ -23,7 +23,7 @@ import torch
 from dore.app import build
 from dore.app.execute import setup_of
 from dore.files import atomic_write, commit
-from dore.report.tables import Table, as_markdown
+from dore.report.page import markdown
 from dore.sim.motion.collision import CollisionChecker
 from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.run.execution import execute
@@ -62,12 +62,12 @@ def main() -> None:
     both = _together(scenes, processes=2)
     (one,) = alone[1]
     total, plans = sum(one.seconds), len(scenes)
-    shares: Table = [["part", "share of the time (%)", "ms a plan"]]
+    shares = [["part", "share of the time (%)", "ms a plan"]]
     shares += [[name, f"{100 * s / total:.1f}", f"{1000 * s / plans:.0f}"] for name, s in one.parts.items()]
     rest = total - sum(one.parts.values())
     shares.append(["the rest (set-up, report)", f"{100 * rest / total:.1f}", f"{1000 * rest / plans:.0f}"])
     simulating = one.parts["simulation and the task's conditions"]
-    speeds: Table = [
+    speeds = [
         ["processes", "plans", "plans/s", "wall s a plan, median", "ratio"],
         ["1", str(plans), f"{plans / alone[0]:.2f}", f"{median(one.seconds):.2f}", "1"],
         ["2", str(2 * plans), f"{2 * plans / both[0]:.2f}",
@@ -80,7 +80,7 @@ def main() -> None:
         "counted.", "",
         f"{one.steps / simulating:.0f} simulated control steps a second ({CONTROL_S * one.steps / simulating:.0f} "
         f"simulated seconds a second), {one.steps / plans:.0f} steps a plan.", "",
-        as_markdown(speeds), "", as_markdown(shares),
+        markdown(speeds), "", markdown(shares),
     ]  # fmt: skip
     print("\n".join(lines))
     if chosen.out:

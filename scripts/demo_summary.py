@@ -9,8 +9,8 @@ import json
 import sys
 from pathlib import Path
 
-from dore.report.evaluation import read_rows
-from dore.report.tables import summarise
+from dore.report import measures
+from dore.report.rows import read_rows
 
 
 def main(out: Path, seconds: str) -> None:
@@ -21,14 +21,14 @@ def main(out: Path, seconds: str) -> None:
     lines = []
     ipt = f"IPT {100 * trained['success']:.1f} % after {trained['episodes']} episodes, {trained['seconds']:.0f} s"
     lines.append(["train", ipt])
-    for summary in summarise(read_rows(out / "evaluate" / "rows.csv")):
-        success, moves = summary.success, summary.moves
+    for planner, rows in read_rows(out / "evaluate" / "rows.csv").groupby("planner", sort=False):
+        success = measures.percent(rows, "status == 'solved'")
+        moves = measures.average(rows[rows.status == "solved"], "moves")
         lines.append(
             [
-                summary.planner,
-                f"{100 * success.mean:.1f} % of {summary.instances} solved "
-                f"[{100 * success.low:.1f}, {100 * success.high:.1f}], "
-                f"{moves.mean:.2f} rearrangements, p50 {summary.planning_p50_ms:.1f} ms",
+                str(planner),
+                f"{success.mean:.1f} % of {success.n} solved [{success.low:.1f}, {success.high:.1f}], "
+                f"{moves.mean:.2f} rearrangements, p50 {measures.median(rows, '1000 * planning_s').mean:.1f} ms",
             ]
         )
     lines.append(["plan", f"{plan['status']}, {len(plan['moves'])} moves in {1000 * plan['planning_s']:.1f} ms"])

@@ -17,7 +17,7 @@ import pandas as pd
 from dore.app.run_folder import read_config
 from dore.errors import InputError
 from dore.files import ABOUT_FILE, METRICS_FILE, atomic_write, read_done, read_json
-from dore.report.frame import read_table
+from dore.report.rows import read_table
 
 MOST_ROWS = 1100
 """Tests of a run in its CSV file, evenly spaced; the last one always."""

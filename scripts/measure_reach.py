@@ -9,7 +9,6 @@ object coming out. All objects are cans as wide as the widest that is ever drawn
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,7 +20,7 @@ import torch
 from omegaconf import OmegaConf
 from torch import Tensor
 
-from dore.files import atomic_write, commit
+from dore.report.measurements import write_measurements
 from dore.sim.config import ArmConfig, ObjectConfig, preset
 from dore.sim.motion.arm_reach import arm_reach, follow_corridor
 from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Contact, Held, Standing
@@ -172,7 +171,7 @@ def survey(surveyor: Surveyor, corridors: Iterable[tuple[int, int]]) -> Survey:
 
 
 def write(folder: Path, found: Survey, about: Mapping[str, object]) -> None:
-    """Write corridors.csv, a row a corridor; objects.csv, a row for each object near one; what was measured as JSON."""
+    """Write the measurements `corridors`, a row a corridor, and `objects`, a row for each object near one."""
     allowed = found.reach.allowed_sectors
     corridors, off_mm, near_mm = found.corridors(), 1e3 * found.off_line_m(), 2e3 * found.reach.clearance_m
     near = (off_mm < near_mm) & ~torch.eye(found.reach.n_cells, dtype=torch.bool)[:, None]
@@ -181,12 +180,8 @@ def write(folder: Path, found: Survey, about: Mapping[str, object]) -> None:
     objects = pd.DataFrame({"cell": cell + 1, "sector": sector, "other": other + 1, "off_mm": off_mm[at].numpy()})
     for name, which in (("blocked", found.blocking), ("empty", found.empty), ("loaded", found.loaded)):
         objects[name] = which[at].int().numpy()
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, table in (("corridors", corridors), ("objects", objects.round({"off_mm": 2}))):
-        with atomic_write(folder / f"{name}.csv") as file:
-            table.to_csv(file, index=False, lineterminator="\n")
-    with atomic_write(folder / "corridors.json") as file:
-        json.dump(dict(about), file, indent=2)
+    for name, rows in (("corridors", corridors), ("objects", objects.round({"off_mm": 2}))):
+        write_measurements(folder / name, rows, **about)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -199,7 +194,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.allowed_sectors.shape)).tolist()
     found = survey(surveyor, every)
     about = {key: getattr(chosen, key) for key in ("arm", "objects", "rows", "cols", "cell_m", "front_m")} | {
-        "about.commit": commit(),
         "seconds": round(time.process_time() - started),
         "distance_mm": round(1e3 * arm.clearance_m, 3),
         "half_hand_mm": round(1e3 * surveyor.kinematics.hand_half_width_m, 3),

@@ -22,12 +22,12 @@ import torch
 from tqdm import tqdm
 
 from dore.errors import InputError, number, seed_of, whole
-from dore.files import atomic_write, commit
+from dore.files import ABOUT_FILE, atomic_write, commit
 from dore.planners.base import Planner
 from dore.planners.exact import Exact
 from dore.planners.straight_line import StraightLine
 from dore.report import estimates
-from dore.report.frame import read_table
+from dore.report.rows import read_table
 from dore.report.sources import paper_table
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
@@ -131,8 +131,8 @@ def measure(csv: Path, stage: Stage, grid: Sequence[Sequence[Point]]) -> None:
         raise InputError(f"{csv}: holds rows of other arguments, want another CSV or the file removed")
     done = {(_point(row), row["board"]) for row in mine}
     csv.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(csv.with_suffix(".json")) as file:
-        json.dump({"about.commit": commit()}, file)
+    with atomic_write(csv.with_name(ABOUT_FILE)) as file:
+        json.dump({"commit": commit()}, file)
     with tqdm(total=len(grid) * len(LAYOUTS), unit="reach", desc=stage.name) as bar:
         for points, board in product(grid, LAYOUTS):
             if not done.issuperset((point, board) for point in points):
@@ -184,7 +184,7 @@ def make_row(stage: str, seed: int, board: str, point: Point, obstacles: int, mo
 
 def _spread(values: Sequence[int]) -> tuple[float, ...]:
     """Mean, standard deviation, and the ends of the mean's interval."""
-    found = estimates.mean(values)
+    found = estimates.sample_mean(values)
     return found.mean, stdev(values) if len(values) > 1 else math.nan, found.low, found.high
 
 

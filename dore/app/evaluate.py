@@ -13,8 +13,9 @@ from dore.app import build, run_folder
 from dore.errors import ExitCode, InputError, path_of
 from dore.files import CONFIG_FILE, ROWS_FILE
 from dore.planners.base import Planner
-from dore.report import tables
-from dore.report.evaluation import Timing, evaluate_into, read_rows
+from dore.report.evaluation import evaluate_into
+from dore.report.rows import Timing
+from dore.report.tables import evaluation_tables
 from dore.world.instances import InstanceSet
 
 
@@ -61,11 +62,7 @@ def evaluate_command(cfg: DictConfig) -> int:
         except KeyboardInterrupt:
             print(f"stopped; resume with: dore-evaluate resume={folder}")
             return ExitCode.STOPPED
-    rows = read_rows(folder / ROWS_FILE)
-    print(tables.as_text(tables.summary_table(tables.summarise(rows))))
-    if len(evaluation.planners) > 1:
-        print()
-        print(tables.as_text(tables.paired_table(tables.compare(rows))))
+    print(evaluation_tables(folder))
     print(f"{ROWS_FILE} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
     return ExitCode.OK
 

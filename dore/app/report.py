@@ -25,9 +25,9 @@ def report_command(cfg: DictConfig) -> int:
     if flag("run", cfg.run):
         if folder is None:
             folder = path_of("study.folder", spec.get("folder", f"outputs/{name}"))
-        code = runs.make(spec, folder, whole("jobs", cfg.jobs, 1))
+        code = runs.make_missing(spec, folder, whole("jobs", cfg.jobs, 1))
         if code == ExitCode.STOPPED:
             print(f"stopped; resume with: dore-report study={name} run=true")
             return code
-    print(results.write(spec, name, folder, path_of("results", cfg.results)))
+    print(results.write_page(spec, name, folder, path_of("results", cfg.results)))
     return code

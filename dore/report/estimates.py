@@ -34,7 +34,7 @@ class Estimate:
         return Estimate(self.n, self.mean / divisor if divisor else math.nan)
 
 
-def share(hits: int, trials: int) -> Estimate:
+def proportion(hits: int, trials: int) -> Estimate:
     """A share of 1 with its Wilson interval; nan without trials."""
     if not trials:
         return Estimate(0)
@@ -44,7 +44,7 @@ def share(hits: int, trials: int) -> Estimate:
     return Estimate(trials, hits / trials, low=low, high=high)
 
 
-def mean(values: ArrayLike) -> Estimate:
+def sample_mean(values: ArrayLike) -> Estimate:
     """The mean, the standard deviation, and the t interval of the mean; no interval below `FEWEST` values."""
     values = np.asarray(values, float)
     if not len(values):
@@ -56,7 +56,7 @@ def mean(values: ArrayLike) -> Estimate:
     return Estimate(len(values), centre, sd, centre - half, centre + half)
 
 
-def ratio(values: ArrayLike, base: ArrayLike) -> Estimate:
+def ratio_of_means(values: ArrayLike, base: ArrayLike) -> Estimate:
     """The mean of `values` over the mean of `base`, pair by pair; nan where `base` sums to 0.
 
     Source: the ratio estimator (Cochran, Sampling Techniques, 3rd ed., section 6.4): the spread is that of
@@ -66,22 +66,15 @@ def ratio(values: ArrayLike, base: ArrayLike) -> Estimate:
     if not base.sum():
         return Estimate(len(values))
     centre = float(values.sum() / base.sum())
-    off = mean(values - centre * base)
+    off = sample_mean(values - centre * base)
     return Estimate(
         len(values), centre, low=centre + off.low / float(base.mean()), high=centre + off.high / float(base.mean())
     )
 
 
-def difference(values: ArrayLike, base: ArrayLike) -> Estimate:
+def paired_difference(values: ArrayLike, base: ArrayLike) -> Estimate:
     """The mean of value - base, pair by pair, with its t interval (the interval of the paired t test)."""
-    return mean(np.asarray(values, float) - np.asarray(base, float))
-
-
-def p_of_pairs(hits: ArrayLike, others: ArrayLike) -> float:
-    """McNemar's exact test: the chance that two planners of equal success differ by so much on the same instances."""
-    hits, others = np.asarray(hits, bool), np.asarray(others, bool)
-    won, lost = int((hits & ~others).sum()), int((others & ~hits).sum())
-    return float(stats.binomtest(won, won + lost, 0.5).pvalue) if won + lost else 1.0
+    return sample_mean(np.asarray(values, float) - np.asarray(base, float))
 
 
 def spread(values: ArrayLike) -> Estimate:
@@ -94,7 +87,7 @@ def spread(values: ArrayLike) -> Estimate:
     return Estimate(len(known), float(known.mean()), sd, float(known.min()), float(known.max()))
 
 
-def mean_of(estimates: list[Estimate]) -> Estimate:
+def mean_of_estimates(estimates: list[Estimate]) -> Estimate:
     """The mean of independent estimates, each with the same weight."""
     half = math.hypot(*((one.high - one.low) / 2 for one in estimates)) / len(estimates)
     centre = sum(one.mean for one in estimates) / len(estimates)

@@ -1,9 +1,9 @@
-"""What runs left behind as data frames: evaluations, trainings, tables; and the cells of a page as CSV."""
+"""What runs left behind, as data frames: evaluations, trainings, executions, measurements and committed tables."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,15 +13,14 @@ import yaml
 
 from dore.configure import leaves
 from dore.errors import InputError
-from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, atomic_write, read_done, read_json
-from dore.report.evaluation import ROW_COLUMNS
+from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, read_done, read_json
+from dore.report.rows import ROW_COLUMNS, read_rows, read_table
 
 EXECUTION, ARGUMENTS = "execution.json", "arguments.json"
 PUSHED_MM = 5.0
 """An object that should not move was pushed if it moved by more than this."""
-CELL = ("metric", "row", "column", "n", "mean", "sd", "low", "high")
-TEXT = "text"
-"""A column that a table of cells may have besides: shown instead of the numbers."""
+Spec = Mapping[str, Any]
+"""A study's file, or a part of it."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ def folders(root: Path, pattern: str, wanted: str) -> Iterator[tuple[Path, dict[
             yield path.parent, found.groupdict()
 
 
-def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: dict[str, str] | None = None) -> Source:
+def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: Mapping[str, str] | None = None) -> Source:
     """Every rows.csv of the folders of a pattern.
 
     Args:
@@ -62,17 +61,41 @@ def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: dict[s
     """
     rows, runs = [], []
     for folder, names in folders(root, pattern, ROWS_FILE):
-        about = about_of(folder) | names
-        runs.append(about)
-        table = read_table(folder / ROWS_FILE, ROW_COLUMNS, text=("planner", "status", "reason", "timing"))
-        rows.append(
-            table.assign(folder=str(folder), **names, **{name: about.get(key) for name, key in (keep or {}).items()})
-        )
+        runs.append(about_of(folder) | names)
+        mine = read_rows(folder / ROWS_FILE)
+        if mine.groupby("planner").instance.agg(frozenset).nunique() != 1:
+            planners = ", ".join(mine.planner.unique()) or "no planner"
+            raise InputError(f"{folder / ROWS_FILE}: rows of {planners}, want the same instances of each")
+        rows.append(mine.assign(folder=str(folder), **names, **_kept(runs[-1], keep)))
     if not rows:
         return Source(pd.DataFrame(columns=[*ROW_COLUMNS]))
     every = pd.DataFrame(runs)
-    _check_same(every, list(same))
-    return Source(_with_proofs(pd.concat(rows, ignore_index=True), list(same)), every)
+    _check_same_instances(every, list(same))
+    return Source(_with_proofs(_stacked(rows), list(same)), every)
+
+
+def measurements(root: Path, pattern: str, keep: Mapping[str, str] | None = None) -> Source:
+    """Every rows.csv of a measuring program in the folders of a pattern, with the names that the pattern gives.
+
+    Args:
+        keep: as of `evaluations`.
+
+    Raises:
+        InputError: a damaged file.
+    """
+    rows, runs = [], []
+    for folder, names in folders(root, pattern, ROWS_FILE):
+        runs.append(about_of(folder) | names)
+        rows.append(read_table(folder / ROWS_FILE, (), text=None).assign(**names, **_kept(runs[-1], keep)))
+    return Source(_stacked(rows), pd.DataFrame(runs))
+
+
+def _kept(about: Mapping[str, Any], keep: Mapping[str, str] | None) -> dict[str, Any]:
+    return {name: about.get(key) for name, key in (keep or {}).items()}
+
+
+def _stacked(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
 
 INSTANCES = (
@@ -82,7 +105,7 @@ INSTANCES = (
 """What of a config decides which instances are planned."""
 
 
-def _check_same(runs: pd.DataFrame, same: list[str]) -> None:
+def _check_same_instances(runs: pd.DataFrame, same: list[str]) -> None:
     keys = [key for key in runs if any(key == f"config.{one}" or key.startswith(f"config.{one}.") for one in INSTANCES)]
     for world, group in runs.groupby(same or (lambda _: 0)):
         for key in keys:
@@ -124,7 +147,7 @@ def trainings(root: Path, pattern: str) -> Source:
         tests = read_table(folder / METRICS_FILE, ("episodes", "seconds", "success", "updates"), text=())
         tests = tests[tests.success.notna()]
         rows.append(tests.assign(**about, best=tests.success.max()) if len(tests) else pd.DataFrame([about]))
-    return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))
+    return Source(_stacked(rows), pd.DataFrame(runs))
 
 
 def executions(root: Path, pattern: str) -> Source:
@@ -181,7 +204,7 @@ def tables(folder: Path, pattern: str) -> Source:
         runs.append(about)
         table = read_table(path, (), text=None)
         rows.append(table.assign(**about) if len(table) else pd.DataFrame([about]))
-    return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))
+    return Source(_stacked(rows), pd.DataFrame(runs))
 
 
 def about_of(folder: Path) -> dict[str, Any]:
@@ -195,49 +218,3 @@ def about_of(folder: Path) -> dict[str, Any]:
     }
     # A list is one value, written out.
     return {key: str(value) if isinstance(value, list) else value for key, value in leaves(files)}
-
-
-def read_table(path: Path, columns: Sequence[str], text: Sequence[str] | None) -> pd.DataFrame:
-    """A CSV file, its `text` columns as text; where `text` is None the columns are what their values look like.
-
-    Raises:
-        InputError: no such file, a missing column, or a value that is not a number.
-    """
-    try:
-        found = pd.read_csv(path, dtype=dict.fromkeys(text or (), str), keep_default_na=False, na_values=[""])
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (ValueError, OSError) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
-    if missing := sorted(set(columns) - set(found.columns)):
-        raise InputError(f"{path}: no column {', '.join(missing)}")
-    for name in text or ():
-        found[name] = found[name].fillna("") if name in found else ""
-    if text is not None:
-        for name in (one for one in columns if one not in text):
-            wrong = pd.to_numeric(found[name], errors="coerce").isna() & found[name].notna()
-            if wrong.any():
-                raise InputError(
-                    f"{path}, line {wrong.idxmax() + 2}: {name} {found[name][wrong.idxmax()]!r}, want a number"
-                )
-    return found
-
-
-def write_cells(path: Path, cells: pd.DataFrame) -> None:
-    """The cells of a page as CSV, to 9 significant digits: more than a page shows, so that both say the same."""
-    columns = [*CELL, *([TEXT] if TEXT in cells and cells[TEXT].astype(bool).any() else [])]
-    cells = cells[columns].copy()
-    cells["n"] = cells["n"].astype("Int64")
-    with atomic_write(path) as file:
-        cells.to_csv(file, index=False, float_format="%.9g", lineterminator="\n")
-
-
-def read_cells(path: Path) -> pd.DataFrame:
-    """The inverse of `write_cells`, but for the digits.
-
-    Raises:
-        InputError: no such file, or not a table of cells.
-    """
-    cells = read_table(path, CELL, text=("metric", "row", "column", TEXT))
-    cells[list(CELL[3:])] = cells[list(CELL[3:])].astype(float)
-    return cells

@@ -14,10 +14,9 @@ import pandas as pd
 
 from dore.errors import InputError
 from dore.files import ABOUT_FILE, ROWS_FILE, atomic_write, commit
-from dore.report.frame import Source, about_of, folders, read_table
 
 
-def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]], **about: Any) -> None:
+def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]] | pd.DataFrame, /, **about: Any) -> None:
     """Write a program's rows to a folder, and what they were measured with.
 
     Args:
@@ -27,7 +26,7 @@ def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]], **about:
     Raises:
         InputError: no rows.
     """
-    if not rows:
+    if not len(rows):
         raise InputError(f"{folder}: got no rows, want one or more")
     folder.mkdir(parents=True, exist_ok=True)
     known = {"commit": commit(), "versions": {"torch": version("torch")}, "machine": platform.machine()}
@@ -35,16 +34,3 @@ def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]], **about:
         json.dump(known | {"cores": os.cpu_count(), "load": f"{os.getloadavg()[0]:.2f}"} | about, file, indent=2)
     with atomic_write(folder / ROWS_FILE) as file:
         pd.DataFrame(rows).to_csv(file, index=False, lineterminator="\n")
-
-
-def measurements(root: Path, pattern: str) -> Source:
-    """Every rows.csv of the folders of a pattern, with the names that the pattern gives.
-
-    Raises:
-        InputError: a damaged file.
-    """
-    rows, runs = [], []
-    for folder, names in folders(root, pattern, ROWS_FILE):
-        runs.append(about_of(folder) | names)
-        rows.append(read_table(folder / ROWS_FILE, (), text=None).assign(**names))
-    return Source(pd.concat(rows, ignore_index=True) if rows else pd.DataFrame(), pd.DataFrame(runs))

@@ -35,7 +35,7 @@ def named(name: str) -> Measure:
     return found
 
 
-def values(rows: pd.DataFrame, of: str) -> pd.Series:
+def numbers(rows: pd.DataFrame, of: str) -> pd.Series:
     """One number a row: a column, or an expression over columns, as `100 * success`.
 
     Raises:
@@ -50,30 +50,35 @@ def values(rows: pd.DataFrame, of: str) -> pd.Series:
 
 def percent(rows: pd.DataFrame, of: str) -> Estimate:
     """The percentage of the rows where a condition holds, with Wilson's interval."""
-    return estimates.share(int(values(rows, of).sum()), len(rows)).scaled(100)
+    return estimates.proportion(int(numbers(rows, of).sum()), len(rows)).scaled(100)
 
 
 def share(rows: pd.DataFrame, of: str) -> Estimate:
     """As `percent`, without an interval."""
-    return Estimate(len(rows), 100 * values(rows, of).mean() if len(rows) else math.nan)
+    return Estimate(len(rows), 100 * numbers(rows, of).mean() if len(rows) else math.nan)
 
 
 def counted(rows: pd.DataFrame, of: str) -> Estimate:
     """As `percent`, shown with its counts: `40 of 50 [66.9, 88.8] %`; a row without a value does not count."""
-    known = values(rows, of).dropna()
-    found = estimates.share(int(known.sum()), len(known)).scaled(100)
+    known = numbers(rows, of).dropna()
+    found = estimates.proportion(int(known.sum()), len(known)).scaled(100)
     return replace(found, text=f"{known.sum():.0f} of {len(known)} [{found.low:.1f}, {found.high:.1f}] %")
 
 
 def lacking(rows: pd.DataFrame, of: str) -> Estimate:
     """How many rows do not fulfil a condition, shown with how many there are: `2 of 50`."""
-    missed = len(rows) - int(values(rows, of).sum())
+    missed = len(rows) - int(numbers(rows, of).sum())
     return Estimate(len(rows), missed, text=f"{missed} of {len(rows)}")
+
+
+def words(rows: pd.DataFrame, of: str) -> Estimate:
+    """Every value of a column, as text."""
+    return Estimate(len(rows), text="/".join(sorted(set(rows[of]))))
 
 
 def solved_of_solvable(rows: pd.DataFrame) -> Estimate:
     """The percentage that is solved, of the instances that some planner solves."""
-    return estimates.share(int(rows.solved.sum()), int(rows.solvable.sum())).scaled(100)
+    return estimates.proportion(int(rows.solved.sum()), int(rows.solvable.sum())).scaled(100)
 
 
 def solved_of_decided(rows: pd.DataFrame) -> Estimate:
@@ -83,13 +88,13 @@ def solved_of_decided(rows: pd.DataFrame) -> Estimate:
 
 def mean(rows: pd.DataFrame, of: str) -> Estimate:
     """The mean, with its standard deviation and t interval."""
-    return estimates.mean(values(rows, of))
+    return estimates.sample_mean(numbers(rows, of))
 
 
 def ratio(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     """The ratio of two means over the same rows; rows where one of them is missing are left out."""
-    both = pd.DataFrame({"of": values(rows, of), "to": values(rows, to)}).dropna()
-    return estimates.ratio(both["of"], both["to"])
+    both = pd.DataFrame({"of": numbers(rows, of), "to": numbers(rows, to)}).dropna()
+    return estimates.ratio_of_means(both["of"], both["to"])
 
 
 def saved(rows: pd.DataFrame, of: str, to: str) -> Estimate:
@@ -102,7 +107,7 @@ def saved(rows: pd.DataFrame, of: str, to: str) -> Estimate:
 
 def difference(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     """The mean of `of` less `to`, row by row, with its t interval."""
-    return estimates.difference(values(rows, of), values(rows, to))
+    return estimates.paired_difference(numbers(rows, of), numbers(rows, to))
 
 
 def over_optimum(rows: pd.DataFrame) -> Estimate:
@@ -110,48 +115,53 @@ def over_optimum(rows: pd.DataFrame) -> Estimate:
     return ratio(rows[rows.solved & rows.optimum.notna()], "moves", "optimum")
 
 
+def deviation(rows: pd.DataFrame, of: str) -> Estimate:
+    """The standard deviation alone."""
+    return Estimate(len(rows), float(numbers(rows, of).std()))
+
+
 def average(rows: pd.DataFrame, of: str) -> Estimate:
     """The mean alone."""
-    return Estimate(len(rows), float(values(rows, of).mean()) if len(rows) else math.nan)
+    return Estimate(len(rows), float(numbers(rows, of).mean()) if len(rows) else math.nan)
 
 
 def median(rows: pd.DataFrame, of: str) -> Estimate:
     """The median alone."""
-    return Estimate(len(rows), float(values(rows, of).median()) if len(rows) else math.nan)
+    return Estimate(len(rows), float(numbers(rows, of).median()) if len(rows) else math.nan)
 
 
 def percentiles(rows: pd.DataFrame, of: str) -> Estimate:
     """The median, and as `high` the largest."""
-    found = values(rows, of)
+    found = numbers(rows, of)
     return Estimate(int(found.count()), float(found.median()), low=float(found.min()), high=float(found.max()))
 
 
 def percentile(rows: pd.DataFrame, of: str, to: float) -> Estimate:
     """The `to`-th percentile alone; the 100th is the highest."""
-    found = values(rows, of)
+    found = numbers(rows, of)
     return Estimate(int(found.count()), float(found.quantile(to / 100)))
 
 
 def mean_and_p95(rows: pd.DataFrame, of: str) -> Estimate:
     """The mean, and as `high` the 95th percentile."""
-    found = values(rows, of)
+    found = numbers(rows, of)
     return Estimate(int(found.count()), float(found.mean()), high=float(found.quantile(0.95)))
 
 
 def mean_and_range(rows: pd.DataFrame, of: str) -> Estimate:
     """The mean, the lowest and the highest."""
-    return estimates.spread(values(rows, of))
+    return estimates.spread(numbers(rows, of))
 
 
 def stated(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     """The mean `of` and the upper end `to` of its symmetric interval, as the first row states them."""
-    mean, high = float(values(rows, of).iloc[0]), float(values(rows, to).iloc[0])
+    mean, high = float(numbers(rows, of).iloc[0]), float(numbers(rows, to).iloc[0])
     return Estimate(mean=mean, low=2 * mean - high, high=high)
 
 
 def rms(rows: pd.DataFrame, of: str) -> Estimate:
     """The root of the mean square; nan where a value is missing."""
-    return Estimate(len(rows), float((values(rows, of) ** 2).mean(skipna=False)) ** 0.5 if len(rows) else math.nan)
+    return Estimate(len(rows), float((numbers(rows, of) ** 2).mean(skipna=False)) ** 0.5 if len(rows) else math.nan)
 
 
 def slope(rows: pd.DataFrame, of: str, to: str) -> Estimate:
@@ -165,13 +175,13 @@ def intercept(rows: pd.DataFrame, of: str, to: str) -> Estimate:
 
 
 def _line(rows: pd.DataFrame, of: str, to: str, what: str) -> Estimate:
-    x, y = values(rows, to), values(rows, of)
+    x, y = numbers(rows, to), numbers(rows, of)
     return Estimate(len(rows), float(getattr(stats.linregress(x, y), what)) if x.nunique() > 1 else math.nan)
 
 
 def total(rows: pd.DataFrame, of: str) -> Estimate:
     """The sum."""
-    return Estimate(len(rows), float(values(rows, of).sum()))
+    return Estimate(len(rows), float(numbers(rows, of).sum()))
 
 
 def count(rows: pd.DataFrame) -> Estimate:
@@ -181,14 +191,14 @@ def count(rows: pd.DataFrame) -> Estimate:
 
 def first(rows: pd.DataFrame, of: str) -> Estimate:
     """The value of the first row."""
-    return Estimate(1, float(values(rows, of).iloc[0]))
+    return Estimate(1, float(numbers(rows, of).iloc[0]))
 
 
 def last(rows: pd.DataFrame, of: str) -> Estimate:
     """The value of the last row."""
-    return Estimate(1, float(values(rows, of).iloc[-1]))
+    return Estimate(1, float(numbers(rows, of).iloc[-1]))
 
 
 def highest(rows: pd.DataFrame, of: str) -> Estimate:
     """The highest value of any row."""
-    return Estimate(1, float(values(rows, of).max()))
+    return Estimate(1, float(numbers(rows, of).max()))

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import pandas as pd
 
 from dore.errors import InputError
-from dore.report.frame import TEXT, Source
+from dore.report.cells import TEXT
+from dore.report.frame import Source, Spec
 
-Spec = Mapping[str, Any]
 MARK = " \\*"
 
 PAGE = """\
@@ -55,7 +55,7 @@ def render(spec: Spec, cells: pd.DataFrame, facts: Mapping[str, Any], sources: M
         "table": lambda name: table_of(cells, _table(spec, name)),
         "value": lambda *place: _value(cells, *place),
         "rows": lambda name: sources[name].rows,
-        "number": number,
+        "number": significant,
         "shown": set(cells.metric),
     }
 
@@ -84,10 +84,15 @@ def _value(cells: pd.DataFrame, metric: str, row: str, column: str, what: str = 
 
 
 def table_of(cells: pd.DataFrame, table: Spec) -> str:
-    """The Markdown of one table: its rows over its columns, in the order in which they come or that it names.
+    """The Markdown of one table."""
+    return markdown(lines_of(cells, table))
+
+
+def lines_of(cells: pd.DataFrame, table: Spec) -> list[list[str]]:
+    """One table, its header first: its rows over its columns, in the order in which they come or that it names.
 
     A study's table may say: head (above the rows' names), digits (significant ones), format (of all cells, or by
-    column, row or "row: column": "{mean:.1f} [{low:.1f}, {high:.1f}]"), columns (their titles and order),
+    column, row, "row: column" or "default": "{mean:.1f}{interval:.1f}"), columns (their titles and order),
     missing (what stands where there is no cell), n (`each`: in every cell; `shared`: in a line of its own where all our
     rows share it), mark (a metric that is 1 where a cell gets a star, and the name of that metric's row).
     """
@@ -106,7 +111,7 @@ def table_of(cells: pd.DataFrame, table: Spec) -> str:
         lines.append([row, *(text + MARK * star for text, star in zip(shown, stars, strict=True))])
         if _is_marked(cells, table, row, None):
             lines[-1][0] += MARK
-    return markdown(lines)
+    return lines
 
 
 def markdown(lines: Sequence[Sequence[str]]) -> str:
@@ -130,28 +135,38 @@ def _is_marked(cells: pd.DataFrame, table: Spec, row: str, column: str | None) -
     return _value(cells, mark["metric"], mark["row"].format(head=head), column or tail) == 1
 
 
+class _Interval(NamedTuple):
+    """Of a cell, in a format: "{interval:.1f}" is " [1.0, 2.5]", or nothing where there is none."""
+
+    low: float
+    high: float
+
+    def __format__(self, spec: str) -> str:
+        return "" if math.isnan(self.low) else f" [{self.low:{spec}}, {self.high:{spec}}]"
+
+
 def _cell(one: Mapping[str, Any] | None, table: Spec, with_n: bool) -> str:
     if one is None:
         return str(table.get("missing", "-"))
     if one.get(TEXT):
         return str(one[TEXT])
     formats = table.get("format", {})
-    keys = (f"{one['row']}: {one['column']}", one["column"], one["row"])
+    keys = (f"{one['row']}: {one['column']}", one["column"], one["row"], "default")
     template = formats if isinstance(formats, str) else next((formats[key] for key in keys if key in formats), None)
     if math.isnan(one["mean"]):
         return "-"
     if template:
-        return str(template.format(**one, half=one["high"] - one["mean"]))
+        return str(template.format(**one, half=one["high"] - one["mean"], interval=_Interval(one["low"], one["high"])))
     digits = table.get("digits", 3)
-    text = number(one["mean"], digits)
+    text = significant(one["mean"], digits)
     if not math.isnan(one["sd"]):
-        text += f" ({number(one['sd'], 2)})"
+        text += f" ({significant(one['sd'], 2)})"
     if not math.isnan(one["low"]):
-        text += f" [{number(one['low'], digits)}, {number(one['high'], digits)}]"
+        text += f" [{significant(one['low'], digits)}, {significant(one['high'], digits)}]"
     return f"{text}, n {one['n']:.0f}" if with_n and not math.isnan(one["n"]) else text
 
 
-def number(value: float, digits: int) -> str:
+def significant(value: float, digits: int) -> str:
     """A number to significant digits, never with an exponent; whole numbers as such."""
     if math.isnan(value):
         return "-"

@@ -18,11 +18,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from dore.draw import style
 from dore.draw.style import FAINT, INK
 from dore.errors import InputError
-from dore.report.frame import Source
+from dore.report.frame import Source, Spec
 from dore.report.panels import COLOURS, finish, legend, panels
 from dore.report.row_plots import histogram, rays
 
-Spec = Mapping[str, Any]
 DASHES = (0, (4, 3))
 SHORT = FuncFormatter(lambda x, _: f"{x / 1e6:g}M" if x >= 1e6 else f"{x / 1e3:g}k" if x >= 1e3 else f"{x:g}")
 """1000 as 1k, so that large numbers do not touch each other."""
@@ -37,9 +36,9 @@ def draw(path: Path, spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Sour
     kind = spec.get("kind")
     if kind is None:
         return
-    if kind not in KINDS:
-        raise InputError(f"figures: kind {kind!r}, want one of {', '.join(KINDS)}")
-    figure = KINDS[kind](spec, cells, sources)
+    if kind not in FIGURES:
+        raise InputError(f"figures: kind {kind!r}, want one of {', '.join(FIGURES)}")
+    figure = FIGURES[kind](spec, cells, sources)
     if figure is not None:
         style.save_png(figure, path)
 
@@ -217,7 +216,7 @@ def _leading(text: str) -> float:
     return float(found[0]) if found else float("inf")
 
 
-KINDS: dict[str, Callable[[Spec, pd.DataFrame, Mapping[str, Source]], Figure | None]] = {
+FIGURES: dict[str, Callable[[Spec, pd.DataFrame, Mapping[str, Source]], Figure | None]] = {
     "lines": _lines,
     "curves": _curves,
     "dots": _dots,

@@ -12,15 +12,14 @@ import pandas as pd
 from dore.errors import InputError
 from dore.files import atomic_write, read_json
 from dore.report import page, plots
+from dore.report.cells import read_cells, write_cells
 from dore.report.facts import facts_of
-from dore.report.frame import Source, read_cells, write_cells
-from dore.report.sources import sources_of
+from dore.report.frame import Source, Spec
+from dore.report.sources import RUN_SOURCES, source_of, sources_of
 from dore.report.study import cells_of
 
-Spec = Mapping[str, Any]
 
-
-def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
+def write_page(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     """Write a study's page; the Markdown file's path.
 
     Where there are runs, cells and facts are made from them and written; else the committed ones are shown.
@@ -32,13 +31,14 @@ def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     Raises:
         InputError: no such folder, no runs in a folder that was named, or no committed cells.
     """
-    sources, cells, facts = read(spec, name, root, results)
+    sources, cells, facts = _read(spec, name, root, results)
     results.mkdir(parents=True, exist_ok=True)
     if _has_runs(sources):
         folder = root or Path(spec.get("folder", "outputs"))
         kept = {one: source for one, source in spec["sources"].items() if "kept_in" in source}
         for one, source in kept.items():
-            _keep(sources[one], source, folder, results)
+            with atomic_write(results / source["kept_in"]) as file:
+                source_of(one, source, folder, results).rows.to_csv(file, index=False, lineterminator="\n")
         if not kept:
             write_cells(results / f"{name}.csv", cells)
         with atomic_write(results / f"{name}.json") as file:
@@ -52,23 +52,10 @@ def write(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     return results / f"{name}.md"
 
 
-def _keep(made: Source, source: Spec, folder: Path, results: Path) -> None:
-    """Write a source's rows beside the page: a program's table as it is, else what was made of the runs."""
-    if "tables" in source:
-        found = sorted(folder.glob(source["tables"]))
-        if len(found) != 1:
-            raise InputError(f"{folder}: {len(found)} tables like {source['tables']}, want one to keep")
-        text = found[0].read_text(encoding="utf-8")
-    else:
-        text = made.rows.to_csv(index=False, lineterminator="\n")
-    with atomic_write(results / source["kept_in"]) as file:
-        file.write(text)
-
-
-def read(
+def _read(
     spec: Spec, name: str, root: Path | None, results: Path
 ) -> tuple[dict[str, Source], pd.DataFrame, dict[str, Any]]:
-    """The sources, cells and facts of a study; raises what `write` raises."""
+    """The sources, cells and facts of a study; raises what `write_page` raises."""
     if root is not None and not root.is_dir():
         raise InputError(f"folder: {root} is no folder, want that of the study's runs")
     sources = sources_of(spec, root or Path(spec.get("folder", "outputs")), results)
@@ -78,15 +65,12 @@ def read(
         return sources, cells_of(spec, sources), facts_of(spec, sources)
     if root is not None:
         wanted = ", ".join(
-            source[kind] for source in spec.get("sources", {}).values() for kind in source if kind in KINDS
+            source[kind] for source in spec.get("sources", {}).values() for kind in source if kind in RUN_SOURCES
         )
         raise InputError(f"folder: no run in {root}, want some like {wanted}")
-    if _tables(sources):
+    if _has_committed(sources):
         return sources, cells_of(spec, sources), facts_of(_without(spec, known), sources) | known
     return sources, read_cells(results / f"{name}.csv"), known
-
-
-KINDS = ("evaluations", "trainings", "executions", "measurements", "tables")
 
 
 def _without(spec: Spec, known: Mapping[str, Any]) -> Spec:
@@ -98,5 +82,5 @@ def _has_runs(sources: Mapping[str, Source]) -> bool:
     return any(not source.runs.empty and not source.committed for source in sources.values())
 
 
-def _tables(sources: Mapping[str, Source]) -> bool:
+def _has_committed(sources: Mapping[str, Source]) -> bool:
     return any(not source.runs.empty and source.committed for source in sources.values())

@@ -11,12 +11,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from dore.draw.style import INK
-from dore.report.frame import Source
-from dore.report.measures import values
+from dore.report.frame import Source, Spec
+from dore.report.measures import numbers
 from dore.report.panels import COLOURS, finish, legend, panels
 from dore.report.sources import chosen
-
-Spec = Mapping[str, Any]
 
 
 def histogram(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:
@@ -25,7 +23,7 @@ def histogram(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) ->
     if rows.empty:
         return None
     figure, (axes,) = panels(1, 1, 6.4, 4.2)
-    groups = [values(_of(one, rows), spec["of"]) for one in spec["series"]]
+    groups = [numbers(_of(one, rows), spec["of"]) for one in spec["series"]]
     look: dict[str, Any] = {
         "color": [COLOURS[one["colour"]] for one in spec["series"]],
         "label": [one["label"] for one in spec["series"]],
@@ -51,14 +49,14 @@ def rays(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figu
         here = _of(one, rows)
         if here.empty:
             continue
-        start = np.stack([values(here, spec["x_of"]), values(here, spec["y_of"])], -1)
-        angle = np.radians(values(here, spec["angle_of"]).to_numpy())
+        start = np.stack([numbers(here, spec["x_of"]), numbers(here, spec["y_of"])], -1)
+        angle = np.radians(numbers(here, spec["angle_of"]).to_numpy())
         end = start + spec["length"] * np.stack([np.cos(angle), np.sin(angle)], -1)
         lines = np.stack([start, end], 1)
         axes.add_collection(LineCollection(list(lines), colors=COLOURS[one["colour"]], lw=0.4, label=one["label"]))
     axes.autoscale()
     for name, group in rows.groupby(spec["name"], sort=False):
-        at = (float(values(group, spec["x_of"]).iloc[0]), float(values(group, spec["y_of"]).iloc[0]))
+        at = (float(numbers(group, spec["x_of"]).iloc[0]), float(numbers(group, spec["y_of"]).iloc[0]))
         axes.annotate(str(name), at, (0, 3), textcoords="offset points", ha="center", fontsize=9, color=INK)
     finish(axes, x=spec["x"], y=spec["y"])
     axes.set_aspect("equal")

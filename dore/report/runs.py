@@ -15,13 +15,13 @@ from typing import Any
 
 from dore.errors import ExitCode, InputError
 from dore.files import CONFIG_FILE, DONE_FILE, ROWS_FILE
+from dore.report.frame import Spec
 
-KINDS = ("train", "evaluate", "program")
-Spec = Mapping[str, Any]
+RUN_KINDS = ("train", "evaluate", "program")
 
 
 @dataclass(frozen=True)
-class Job:
+class StudyRun:
     """One run. makes: the file that says it is done. model: the weights that an evaluation depends on."""
 
     kind: str
@@ -61,7 +61,7 @@ def _weights(model: Path | None) -> Path | None:
     return path if path is not None and path.exists() else None
 
 
-def jobs_of(spec: Spec, root: Path) -> Iterator[list[Job]]:
+def jobs_of(spec: Spec, root: Path) -> Iterator[list[StudyRun]]:
     """The jobs of each entry of a study's `runs`, which may run side by side.
 
     Raises:
@@ -69,9 +69,9 @@ def jobs_of(spec: Spec, root: Path) -> Iterator[list[Job]]:
     """
     given = spec.get("given", {})
     for number, entry in enumerate(spec.get("runs", [])):
-        kind = next((kind for kind in KINDS if kind in entry), None)
+        kind = next((kind for kind in RUN_KINDS if kind in entry), None)
         if kind is None:
-            raise InputError(f"runs.{number}: got {', '.join(entry)}, want one of {', '.join(KINDS)}")
+            raise InputError(f"runs.{number}: got {', '.join(entry)}, want one of {', '.join(RUN_KINDS)}")
         try:
             yield [_job(kind, entry, names, root) for names in _products(given, entry.get("each", []))]
         except KeyError as error:
@@ -90,13 +90,13 @@ def _products(given: Spec, each: list[str]) -> Iterator[dict[str, Any]]:
         yield plain | {name: value for one in chosen for name, value in one.items()}
 
 
-def _job(kind: str, entry: Spec, names: Spec, root: Path) -> Job:
+def _job(kind: str, entry: Spec, names: Spec, root: Path) -> StudyRun:
     shown = {name: "null" if value is None else value for name, value in names.items()}
     folder = root / _filled(entry[kind], shown)
     words = tuple(_words(entry.get("overrides", []), shown | {"root": root, "folder": folder}))
     model = _filled(entry["model"], shown | {"root": root}) if "model" in entry else None
     makes = folder / {"train": DONE_FILE, "evaluate": ROWS_FILE}.get(kind, str(entry.get("makes", "")))
-    return Job(
+    return StudyRun(
         kind,
         folder,
         (*words, f"model={model}") if model else words,
@@ -117,7 +117,7 @@ def _filled(template: str, names: Spec) -> str:
     return string.Formatter().vformat(template, (), names)
 
 
-def make(spec: Spec, root: Path, at_a_time: int) -> int:
+def make_missing(spec: Spec, root: Path, at_a_time: int) -> int:
     """Make every run of a study that is missing; a job that fails is named, and the others continue.
 
     Args:
@@ -140,7 +140,7 @@ def make(spec: Spec, root: Path, at_a_time: int) -> int:
     return code
 
 
-def _run(job: Job) -> int:
+def _run(job: StudyRun) -> int:
     if job.model is not None and _weights(job.model) is None:
         print(f"{job.folder}: left out, {job.model} holds no model", file=sys.stderr)
         return 0

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import string
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from dore.errors import InputError
 from dore.files import conf_dir
-from dore.report import frame, measurements
-from dore.report.frame import Source
+from dore.report import frame
+from dore.report.frame import Source, Spec
+from dore.report.rows import read_table
 
-Spec = Mapping[str, Any]
-MADE_FROM = ("evaluations", "trainings", "executions", "measurements", "tables")
+RUN_SOURCES = ("evaluations", "trainings", "executions", "measurements")
+SOURCES = (*RUN_SOURCES, "tables")
+"""What a source may be made from: runs, or tables that are committed beside the page."""
 
 
 def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
@@ -27,25 +27,30 @@ def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
     """
     found = {}
     for name, source in spec.get("sources", {}).items():
-        kinds = [kind for kind in MADE_FROM if kind in source]
-        if len(kinds) != 1:
-            raise InputError(f"sources.{name}: got {', '.join(source)}, want one of {', '.join(MADE_FROM)}")
-        committed = kinds == ["tables"] and "kept_in" not in source
-        where = results if committed else root
-        given = {key: source[key] for key in ("same", "keep") if key in source and kinds == ["evaluations"]}
-        module = measurements if kinds == ["measurements"] else frame
-        made: Source = getattr(module, kinds[0])(where, source[kinds[0]], **given)
+        made = source_of(name, source, root, results)
+        committed = "tables" in source
+        if made.rows.empty and "kept_in" in source:
+            made, committed = frame.tables(results, source["kept_in"]), True
         runs = made.runs
         for column, renamed in source.get("rename", {}).items():
             if column in runs:
                 runs[column] = runs[column].replace(dict(renamed))
-        runs = _sorted(runs, source)
-        if made.rows.empty and "kept_in" in source:
-            made, committed = frame.tables(results, source["kept_in"]), True
-            runs = made.runs
         rows = _prepared(f"sources.{name}", source, made.rows)
-        found[name] = Source(rows, runs, tuple(source.get("same", ())), committed)
+        found[name] = Source(rows, _sorted(runs, source), tuple(source.get("same", ())), committed)
     return found
+
+
+def source_of(name: str, source: Spec, root: Path, results: Path) -> Source:
+    """The data that one source names, as the runs left it."""
+    kinds = [kind for kind in SOURCES if kind in source]
+    if len(kinds) != 1:
+        raise InputError(f"sources.{name}: got {', '.join(source)}, want one of {', '.join(SOURCES)}")
+    (kind,) = kinds
+    more = {"evaluations": ("same", "keep"), "measurements": ("keep",)}.get(kind, ())
+    made: Source = getattr(frame, kind)(
+        results if kind == "tables" else root, source[kind], **{key: source[key] for key in more if key in source}
+    )
+    return made
 
 
 def _prepared(name: str, source: Spec, rows: pd.DataFrame) -> pd.DataFrame:
@@ -92,7 +97,7 @@ def _beside_paper(rows: pd.DataFrame, wanted: Spec) -> pd.DataFrame:
 def paper_table(name: str) -> pd.DataFrame:
     """One table of the paper, as printed: method, column, n, mean, sd (conf/study/paper.csv)."""
     path = conf_dir() / "study" / "paper.csv"
-    every = frame.read_table(path, ("n", "mean", "sd"), text=("table", "method", "column"))
+    every = read_table(path, ("n", "mean", "sd"), text=("table", "method", "column"))
     if name not in set(every.table):
         raise InputError(f"paper: got {name!r}, want one of {', '.join(every.table.unique())}")
     return every[every.table == name]

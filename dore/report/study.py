@@ -10,9 +10,10 @@ import pandas as pd
 
 from dore.errors import InputError
 from dore.report import estimates, measures
+from dore.report.cells import CELL, TEXT
 from dore.report.estimates import Estimate
-from dore.report.frame import CELL, TEXT, Source
-from dore.report.sources import Spec, chosen, names_in, paper_table
+from dore.report.frame import Source, Spec
+from dore.report.sources import chosen, names_in, paper_table
 
 
 def cells_of(spec: Spec, sources: Mapping[str, Source]) -> pd.DataFrame:
@@ -163,7 +164,7 @@ def _averaged(made: Cells, column: str) -> Cells:
     found = dict(made)
     for row in dict.fromkeys(row for row, _ in made):
         mine = [estimate for (name, _), estimate in made.items() if name == row]
-        mean = estimates.mean_of(mine)
+        mean = estimates.mean_of_estimates(mine)
         found[row, column] = Estimate(mean.n, mean.mean, low=mean.low, high=mean.high)
     return found
 

@@ -11,7 +11,7 @@ from hydra.core.global_hydra import GlobalHydra
 from dore.app.run_folder import LEARNING, leaves
 from dore.app.training import trainer_of
 from dore.files import conf_dir
-from dore.report.runs import Job, jobs_of
+from dore.report.runs import StudyRun, jobs_of
 from tests.report.fakes import study
 
 JOBS = [job for jobs in jobs_of(study("ablation"), Path("out")) for job in jobs if job.folder.name.endswith("seed0")]
@@ -19,7 +19,7 @@ SMALL = ["instances.train_size=20", "instances.validation_size=20", "ipt.batch_s
 SMALL += ["training.learning_starts=1", "training.fill=0"]
 
 
-def composed(job: Job, own: bool = True):
+def composed(job: StudyRun, own: bool = True):
     GlobalHydra.instance().clear()
     words = [word for word in job.words if own or word in (*job.words[:2], *job.words[-2:])]
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):

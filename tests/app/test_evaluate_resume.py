@@ -10,24 +10,17 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from dore.errors import InputError
 from dore.files import ROWS_FILE
 from dore.planners.straight_line import StraightLine
-from dore.report.evaluation import (
-    PARTIAL,
-    Row,
-    Timing,
-    evaluate,
-    evaluate_into,
-    read_rows,
-    rows_as_they_come,
-    write_rows,
-)
+from dore.report.evaluation import PARTIAL, evaluate_into
+from dore.report.rows import Row, Timing, read_rows, write_rows
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
-from dore.world.plan import Plan
+from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
 from tests.commands import run
 from tests.drawings import wide_hand
@@ -51,8 +44,8 @@ class Stopping(StraightLine):
         return super().plan(batch)
 
 
-def untimed(rows: list[Row]) -> list[Row]:
-    return [replace(row, planning_s=0.0) for row in rows]
+def untimed(rows: pd.DataFrame) -> list[tuple[object, ...]]:
+    return list(rows.drop(columns="planning_s").itertuples(index=False, name=None))
 
 
 @pytest.mark.parametrize("timing", list(Timing))
@@ -63,29 +56,41 @@ def test_stopped_and_resumed_equals_uninterrupted(tmp_path: Path, timing: Timing
         evaluate_into(tmp_path, [Stopping("a"), Stopping("b", last)], INSTANCES, timing)
     assert not (tmp_path / ROWS_FILE).exists()
     there = read_rows(tmp_path / PARTIAL)
-    assert [row.planner for row in there] == ["a"] * 12 + ["b"] * (4 if timing is Timing.SINGLE else 0)
+    assert list(there.planner) == ["a"] * 12 + ["b"] * (4 if timing is Timing.SINGLE else 0)
     with open(tmp_path / PARTIAL, "a", encoding="utf-8") as file:
         file.write("b,9,20,4,solv")
     evaluate_into(tmp_path, [Stopping("a", last=1), Stopping("b")], INSTANCES, timing)
     rows = read_rows(tmp_path / ROWS_FILE)
-    assert rows[: len(there)] == there, "what is there is not planned again"
-    assert untimed(rows) == untimed(evaluate([Stopping("a"), Stopping("b")], INSTANCES, timing, progress=False))
+    assert rows[: len(there)].equals(there), "what is there is not planned again"
     assert [path.name for path in tmp_path.iterdir()] == [ROWS_FILE]
+    evaluate_into(tmp_path, [Stopping("a"), Stopping("b")], INSTANCES, timing)
+    assert untimed(rows) == untimed(read_rows(tmp_path / ROWS_FILE))
 
 
-def test_a_batch_of_which_a_row_is_missing_is_planned_whole() -> None:
-    whole = evaluate([Stopping("a")], INSTANCES, Timing.BATCHED, progress=False)
-    more = rows_as_they_come([Stopping("a")], INSTANCES, Timing.BATCHED, 5, progress=False, done=whole[:7])
-    assert untimed(list(more)) == untimed(whole[7:])
+def test_a_batch_of_which_a_row_is_missing_is_planned_whole(tmp_path: Path) -> None:
+    evaluate_into(tmp_path, [Stopping("a")], INSTANCES, Timing.BATCHED, 5)
+    lines = (tmp_path / ROWS_FILE).read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / PARTIAL).write_text("".join(lines[:8]), encoding="utf-8")
+    sizes: list[int] = []
+
+    class Recording(Stopping):
+        def plan(self, batch: Batch) -> list[Plan]:
+            sizes.append(len(batch.target))
+            return super().plan(batch)
+
+    whole = read_rows(tmp_path / ROWS_FILE)
+    evaluate_into(tmp_path, [Recording("a")], INSTANCES, Timing.BATCHED, 5)
+    assert sizes == [1, 5, 2], "the untimed one, the second batch, the third"
+    assert untimed(read_rows(tmp_path / ROWS_FILE)) == untimed(whole)
 
 
 @pytest.mark.parametrize(
     "change", [{"planner": "z"}, {"instance": 13}, {"instance": 0}, {"n_obstacles": 19}, {"timing": Timing.BATCHED}]
 )
 def test_rows_of_another_evaluation_are_refused(tmp_path: Path, change: dict) -> None:
-    first, *_ = evaluate([Stopping("a")], INSTANCES, progress=False)
-    write_rows(tmp_path / PARTIAL, [replace(first, **change)])
-    with pytest.raises(InputError, match="is of another evaluation"):
+    row = Row("a", 1, 20, len(next(iter(INSTANCES)).scene.obstacles), Status.SOLVED, "", 1, 0.1, 0, Timing.SINGLE)
+    write_rows(tmp_path / PARTIAL, [replace(row, **change)])
+    with pytest.raises(InputError, match="is from another evaluation"):
         evaluate_into(tmp_path, [Stopping("a")], INSTANCES, Timing.SINGLE)
 
 

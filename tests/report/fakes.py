@@ -13,7 +13,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 from dore.files import conf_dir
-from dore.report.evaluation import Row, Timing, write_rows
+from dore.report.rows import Row, Timing, write_rows
 from dore.world.plan import Status
 
 NO_PLAN = 0

@@ -14,7 +14,7 @@ def test_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(bench_planners, "process_seconds", lambda *command: 1.25)
     GlobalHydra.instance().clear()
     bench_planners.main([str(tmp_path), "--limit", "2", "--learned-model="])
-    text = results.write(fakes.study("planners"), "planners", tmp_path, tmp_path / "p").read_text(encoding="utf-8")
+    text = results.write_page(fakes.study("planners"), "planners", tmp_path, tmp_path / "p").read_text(encoding="utf-8")
     for words in (
         "13 obstacles, 2 test instances",
         "9 obstacles, 2 test instances",

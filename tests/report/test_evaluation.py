@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from dore.errors import InputError
+from dore.files import ROWS_FILE
+from dore.planners.base import Planner
 from dore.planners.straight_line import StraightLine
-from dore.report.evaluation import Timing, evaluate, read_rows, write_rows
+from dore.report.evaluation import evaluate_into
+from dore.report.rows import Timing, read_rows
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
-from dore.world.plan import Plan, PlanError, Status
+from dore.world.plan import Plan, PlanError
 from dore.world.problem import Batch
 from tests.drawings import wide_hand
 
 REACH = wide_hand(4, 5)
 INSTANCES = InstanceSet.generate(REACH, 25, Difficulty(3, 8), "test", seed=0)
+
+
+def evaluated(folder: Path, planners: Sequence[Planner], timing: Timing = Timing.SINGLE, size: int = 9) -> pd.DataFrame:
+    folder.mkdir(exist_ok=True)
+    evaluate_into(folder, planners, INSTANCES, timing, size)
+    return read_rows(folder / ROWS_FILE)
 
 
 def baseline(name: str = "straight_line") -> StraightLine:
@@ -45,59 +56,52 @@ class Lying(StraightLine):
         return [replace(plan, moves=plan.moves[1:]) for plan in super().plan(batch)]
 
 
-def test_one_row_an_instance_and_planner() -> None:
-    rows = evaluate([baseline("a"), baseline("b")], INSTANCES, progress=False)
-    assert [(row.planner, row.instance) for row in rows] == [(p, n) for p in "ab" for n in range(1, 26)]
+def test_one_row_an_instance_and_planner(tmp_path: Path) -> None:
+    rows = evaluated(tmp_path, [baseline("a"), baseline("b")])
+    assert list(zip(rows.planner, rows.instance, strict=True)) == [(p, n) for p in "ab" for n in range(1, 26)]
+    assert set(rows.status) == {"solved", "gave_up"}
     plans = baseline().plan(INSTANCES.batch())
-    for row, plan, problem in zip(rows, plans, INSTANCES, strict=False):
+    for row, plan, problem in zip(rows.itertuples(), plans, INSTANCES, strict=False):
         assert (row.status, row.reason, row.moves) == (plan.status, plan.reason, len(plan.moves))
         assert (row.n_cells, row.n_obstacles) == (20, len(problem.scene.obstacles))
         assert row.planning_s > 0
 
 
-def test_timing_says_how_many_were_planned_together() -> None:
+def test_timing_says_how_many_were_planned_together(tmp_path: Path) -> None:
     single, batched = Recording(), Recording()
-    alone = evaluate([single], INSTANCES, progress=False)
-    together = evaluate([batched], INSTANCES, Timing.BATCHED, batch_size=10, progress=False)
+    alone = evaluated(tmp_path / "a", [single])
+    together = evaluated(tmp_path / "b", [batched], Timing.BATCHED, 10)
     # The first of each is the untimed warm-up.
     assert single.sizes == [1] + [1] * 25
     assert batched.sizes == [1, 10, 10, 5]
-    assert {row.timing for row in alone} == {Timing.SINGLE}
-    assert {row.timing for row in together} == {Timing.BATCHED}
-    assert [row.moves for row in alone] == [row.moves for row in together]
+    assert set(alone.timing) == {"single"}
+    assert set(together.timing) == {"batched"}
+    assert list(alone.moves) == list(together.moves)
 
 
-def test_a_plan_that_does_not_replay_is_no_row() -> None:
+def test_a_plan_that_does_not_replay_is_no_row(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match=r"straight_line, instance \d+: "):
-        evaluate([Lying(REACH, 0.0, 0.0, None, False, 30)], INSTANCES, progress=False)
+        evaluated(tmp_path, [Lying(REACH, 0.0, 0.0, None, False, 30)])
 
 
-def test_two_planners_of_one_name_are_refused() -> None:
+def test_two_planners_of_one_name_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="want different names"):
-        evaluate([baseline(), baseline()], INSTANCES, progress=False)
-
-
-def test_rows_come_back_from_the_file(tmp_path: Path) -> None:
-    rows = evaluate([baseline()], INSTANCES, progress=False)
-    assert {row.status for row in rows} == {Status.SOLVED, Status.GAVE_UP}
-    path = tmp_path / "rows.csv"
-    write_rows(path, rows)
-    assert [replace(row, planning_s=0.0) for row in read_rows(path)] == [replace(row, planning_s=0.0) for row in rows]
-    for there, here in zip(read_rows(path), rows, strict=True):
-        assert there.planning_s == pytest.approx(here.planning_s, abs=1e-9)
+        evaluated(tmp_path, [baseline(), baseline()])
 
 
 def test_a_bad_file_is_one_line(tmp_path: Path) -> None:
-    path = tmp_path / "rows.csv"
+    path = tmp_path / ROWS_FILE
     with pytest.raises(InputError, match="no such file"):
         read_rows(path)
-    write_rows(path, evaluate([baseline()], INSTANCES, progress=False))
+    evaluated(tmp_path, [baseline()])
     text = path.read_text()
     for damaged, why in (
-        (text.replace("expansions", "boards"), "columns"),
-        (text.replace("solved", "sloved"), r"line \d+: 'sloved'"),
-        (text.rsplit(",", 3)[0], "line 26: "),
-        ("", "columns None"),
+        (text.replace("expansions", "boards"), "no column expansions"),
+        (text.replace("solved", "sloved"), r"line \d+: status 'sloved', want one of solved"),
+        (text.rsplit(",", 3)[0], "line 26: timing ''"),
+        (text.replace(",20,", ",,", 1), "line 2: a value is missing"),
+        (text.replace("\nstraight_line,2,", "\nstraight_line,1,"), "straight_line has two rows of instance 1"),
+        ("", "cannot be read as CSV"),
     ):
         path.write_text(damaged)
         with pytest.raises(InputError, match=why) as error:

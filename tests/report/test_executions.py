@@ -50,19 +50,19 @@ def test_the_page_counts_runs_and_names_those_that_failed(folder, tmp_path):
     spec, runs = study("execution"), tmp_path / "runs"
     shutil.copytree(folder / "straight_line", runs / "open")
     path = runs / "open" / "z3" / "001" / "execution.json"
-    page = results.write(spec, "execution", runs, tmp_path).read_text(encoding="utf-8")
+    page = results.write_page(spec, "execution", runs, tmp_path).read_text(encoding="utf-8")
     assert "## Open loop" in page
     assert "Every run succeeded." in page
     assert len(pd.read_csv(tmp_path / "execution.csv")) == 2
     report = json.loads(path.read_text())
     path.write_text(json.dumps({**report, "success": False, "outcome": "dropped", "message": "lost it"}))
-    page = results.write(spec, "execution", runs, tmp_path).read_text(encoding="utf-8")
+    page = results.write_page(spec, "execution", runs, tmp_path).read_text(encoding="utf-8")
     assert "3 obstacles, run 001: dropped: lost it" in page
     assert "| all | 2 | 0 | 50.0 [" in page
 
 
 def test_execution_time_compares_the_same_scenes(folder, tmp_path):
-    page = results.write(study("execution_time"), "execution_time", folder, tmp_path).read_text(encoding="utf-8")
+    page = results.write_page(study("execution_time"), "execution_time", folder, tmp_path).read_text(encoding="utf-8")
     assert "2 scenes carried out by both; 0 left out" in page
     assert "| paper: baseline | 170 (48) |" in page
     assert (tmp_path / "execution_time.png").stat().st_size > 1000

@@ -67,7 +67,7 @@ def rows(above: tuple[int, int], below: tuple[int, int]) -> list[dict[str, objec
 
 def page_of(folder, *of: tuple[int, int]) -> str:
     write_measurements(folder / "measured", rows(*of), weights="w", proof_s=10.0)
-    return results.write(fakes.study("failures"), "failures", folder, folder / "pages").read_text(encoding="utf-8")
+    return results.write_page(fakes.study("failures"), "failures", folder, folder / "pages").read_text(encoding="utf-8")
 
 
 def test_the_words_follow_the_numbers(tmp_path):

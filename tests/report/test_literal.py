@@ -42,7 +42,7 @@ TESTS = ((1000, 1000, 0.625, 0.5, 0.9), (12000, 12000, 0.91, 0.5, 0.5), (30000, 
 
 
 def page(tmp_path: Path) -> str:
-    return results.write(study("literal"), "literal", None, tmp_path).read_text(encoding="utf-8")
+    return results.write_page(study("literal"), "literal", None, tmp_path).read_text(encoding="utf-8")
 
 
 def test_the_page_tells_last_from_best_and_how_far_a_run_is(tmp_path):

@@ -95,12 +95,12 @@ def test_a_stopped_grid_goes_on_to_the_same_rows_and_a_page(tmp_path: Path) -> N
     main(tiny(tmp_path, *again, "--corridor", "clearance"))
     assert len(read_rows(csv)) == 32 + 2 * 2
     spec, docs = fakes.study("reach_sensitivity"), tmp_path / "docs"
-    page = results.write(spec, "reach_sensitivity", tmp_path, docs).read_text(encoding="utf-8")
+    page = results.write_page(spec, "reach_sensitivity", tmp_path, docs).read_text(encoding="utf-8")
     assert "2 reaches x 4 corridors on 3x6 and 6x6" in page
     assert " nan" not in page
     assert (docs / "reach_sensitivity.csv").read_bytes() == csv.read_bytes()
     spec["folder"] = str(tmp_path / "gone")
-    assert results.write(spec, "reach_sensitivity", None, docs).read_text(encoding="utf-8") == page
+    assert results.write_page(spec, "reach_sensitivity", None, docs).read_text(encoding="utf-8") == page
 
 
 @pytest.mark.parametrize(

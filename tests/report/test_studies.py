@@ -32,7 +32,7 @@ def test_the_page_is_what_the_study_makes_of_the_committed_cells(name, tmp_path)
         elif path.is_dir():
             shutil.copytree(path, tmp_path / path.name)
     spec = fakes.study(name) | {"folder": str(tmp_path / "no_runs")}
-    page = results.write(spec, name, None, tmp_path).read_text(encoding="utf-8")
+    page = results.write_page(spec, name, None, tmp_path).read_text(encoding="utf-8")
     assert page == (RESULTS / f"{name}.md").read_text(encoding="utf-8"), f"dore-report study={name} makes it again"
     for one in spec.get("figures", []):
         assert (RESULTS / one["file"]).read_bytes().startswith(b"\x89PNG")
@@ -114,12 +114,12 @@ def test_a_page_of_runs_then_of_its_own_cells(table4, tmp_path):
     """Without the runs the page says the same."""
     spec = fakes.study("table4")
     pages = tmp_path / "pages"
-    first = results.write(spec, "table4", table4, pages).read_text(encoding="utf-8")
+    first = results.write_page(spec, "table4", table4, pages).read_text(encoding="utf-8")
     assert "| paper: S-DQN | 78 |" in first
     assert "| literal: SS-DQN | - |" in first
     assert (pages / "table4.png").stat().st_size > 10_000
     spec["folder"] = str(tmp_path / "gone")
-    assert results.write(spec, "table4", None, pages).read_text(encoding="utf-8") == first
+    assert results.write_page(spec, "table4", None, pages).read_text(encoding="utf-8") == first
 
 
 def test_evaluations_of_other_instances_are_refused(table4):
@@ -282,7 +282,9 @@ def test_the_generalist_by_hand(tmp_path):
     known = cells[(cells.metric == "learned from") & (cells["mean"] == 1)]
     assert set(known["row"]) == {"wide_hand, 6 x 6"}
     assert (facts["undecided"], facts["all"], facts["model"]) == (5, 25, "weights")
-    page = results.write(fakes.study("generalist"), "generalist", tmp_path, tmp_path / "p").read_text(encoding="utf-8")
+    page = results.write_page(fakes.study("generalist"), "generalist", tmp_path, tmp_path / "p").read_text(
+        encoding="utf-8"
+    )
     assert "| 6 x 6, learned | 66.7 [20.8, 93.9] \\* | 66.7 [20.8, 93.9] |" in page
     assert "nan" not in page
 

@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 from dore.errors import InputError
-from dore.report import frame, measures, page, results, runs
+from dore.report import cells as cell_files
+from dore.report import measures, page, results, runs
 from dore.report.sources import sources_of
 from dore.report.study import cells_of
 from tests.commands import TINY
@@ -37,7 +38,7 @@ def test_the_study_in_the_docs_is_a_study(tmp_path):
     for heads, moves in (("independent", (1, 2, None)), ("mean", (1, None, None))):
         for seed in (0, 1):
             evaluation(tmp_path / f"test/{heads}_{seed}", [*rows_of("learned", *moves), *rows_of("exact", 1, 2, 2)])
-    text = results.write(spec, "mine", tmp_path, tmp_path / "docs").read_text(encoding="utf-8")
+    text = results.write_page(spec, "mine", tmp_path, tmp_path / "docs").read_text(encoding="utf-8")
     assert "| independent | 66.7 (0) [66.7, 66.7] | 1 (0) [1, 1] |" in text
     assert "commit abc1234, seed 0 of the instances" in text
 
@@ -102,7 +103,7 @@ def test_damaged_files_are_one_line(two):
     with pytest.raises(InputError, match=r"rows.csv: no column moves"):
         cells_from(two, measure="count")
     with pytest.raises(InputError, match=r"none.csv: no such file"):
-        frame.read_cells(two / "none.csv")
+        cell_files.read_cells(two / "none.csv")
 
 
 def test_a_source_of_no_kind_and_a_run_of_no_kind_are_refused(tmp_path):
@@ -121,13 +122,13 @@ CELLS = pd.DataFrame(
         ("m", "ours", "all", 900, 1234.5, math.nan, 1000, 1500, ""),
         ("m", "words", "3", math.nan, math.nan, math.nan, math.nan, math.nan, "as wide"),
     ],
-    columns=[*frame.CELL, frame.TEXT],
+    columns=[*cell_files.CELL, cell_files.TEXT],
 )
 
 
 def test_cells_read_as_they_were_written(tmp_path):
-    frame.write_cells(tmp_path / "c.csv", CELLS)
-    again = frame.read_cells(tmp_path / "c.csv")
+    cell_files.write_cells(tmp_path / "c.csv", CELLS)
+    again = cell_files.read_cells(tmp_path / "c.csv")
     pd.testing.assert_frame_equal(again, CELLS.astype({"n": float}), check_dtype=False)
 
 
@@ -155,7 +156,7 @@ def test_a_run_that_is_done_is_skipped_and_old_evaluations_are_not(tmp_path):
     model.touch()
     assert not job.done
     assert any(word.startswith("resume=") for word in job.command())
-    assert runs.make({"runs": [{"evaluate": "new", "model": "{root}/no_model"}]}, tmp_path, 1) == 0
+    assert runs.make_missing({"runs": [{"evaluate": "new", "model": "{root}/no_model"}]}, tmp_path, 1) == 0
 
 
 @pytest.mark.slow
@@ -165,14 +166,14 @@ def test_missing_runs_are_made_once(tmp_path, capfd):
     spec["given"] |= {"heads": ["mean"], "minutes": 0.05}
     for entry, more in zip(spec["runs"], ([*TINY, "training.max_episodes=60"], ["limit=5"]), strict=True):
         entry["overrides"] = [*entry["overrides"], *more]
-    assert runs.make(spec, tmp_path, 2) == 0
+    assert runs.make_missing(spec, tmp_path, 2) == 0
     assert capfd.readouterr().out.count("== ") == 4
-    assert runs.make(spec, tmp_path, 1) == 0
+    assert runs.make_missing(spec, tmp_path, 1) == 0
     assert capfd.readouterr().out.count("2 of 2 runs") == 2
-    assert "| mean |" in results.write(spec, "mine", tmp_path, tmp_path / "docs").read_text(encoding="utf-8")
+    assert "| mean |" in results.write_page(spec, "mine", tmp_path, tmp_path / "docs").read_text(encoding="utf-8")
     (tmp_path / "test" / "mean_0" / "rows.csv").unlink()
     (tmp_path / "test" / "mean_0" / "config.yaml").write_text("nothing", encoding="utf-8")
-    assert runs.make(spec, tmp_path, 1) == 2
+    assert runs.make_missing(spec, tmp_path, 1) == 2
     assert "mean_0: ended with exit code 2" in capfd.readouterr().err
 
 
@@ -193,25 +194,22 @@ def test_a_root_mean_square_lacks_nothing_and_a_stated_interval_is_symmetric():
     assert (stated.mean, stated.low, stated.high) == (3, 1, 5)
 
 
-def test_a_programs_table_is_kept_beside_the_page_and_read_there_without_the_run(tmp_path):
+def test_a_programs_rows_are_kept_beside_the_page_and_read_there_without_the_run(tmp_path):
     entry = {"row": "a", "column": "b", "from": "made", "measure": "total", "of": "double"}
     spec = {
         "title": "t",
-        "sources": {"made": {"tables": "*.csv", "kept_in": "mine.csv", "define": {"double": "2 * a"}}},
-        "facts": {"arm": {"from": "made", "run": "arm"}},
+        "sources": {"made": {"measurements": ".", "kept_in": "mine.csv", "define": {"double": "2 * a"}}},
+        "facts": {"arm": {"from": "made", "run": "about.arm"}},
         "head": "{{ facts.commit }}, {{ facts.arm }}",
         "tables": [{"name": "sum", "cells": [entry]}],
     }
     run, docs = tmp_path / "run", tmp_path / "docs"
     run.mkdir()
-    (run / "made.csv").write_text("a\n1\n2.50\n", encoding="utf-8")
-    (run / "made.json").write_text('{"about.commit": "abc1234", "arm": "slim"}', encoding="utf-8")
-    page = results.write(spec, "mine", run, docs).read_text(encoding="utf-8")
+    (run / "rows.csv").write_text("a\n1\n2.5\n", encoding="utf-8")
+    (run / "about.json").write_text('{"commit": "abc1234", "arm": "slim"}', encoding="utf-8")
+    page = results.write_page(spec, "mine", run, docs).read_text(encoding="utf-8")
     assert "abc1234, slim" in page
     assert "| a | 7 |" in page
-    assert (docs / "mine.csv").read_text(encoding="utf-8") == "a\n1\n2.50\n"
+    assert (docs / "mine.csv").read_text(encoding="utf-8") == "a\n1.0\n2.5\n"
     spec["folder"] = str(tmp_path / "gone")
-    assert results.write(spec, "mine", None, docs).read_text(encoding="utf-8") == page
-    (run / "other.csv").write_text("a\n1\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"2 tables like \*\.csv, want one to keep"):
-        results.write(spec, "mine", run, docs)
+    assert results.write_page(spec, "mine", None, docs).read_text(encoding="utf-8") == page

@@ -14,7 +14,7 @@ ABOUT = {"seed": 1, "camera": "kinect", "rendering": "cpu", "seconds": "9", "wro
 
 
 def page_of(root) -> str:
-    return results.write(fakes.study("vision"), "vision", root, root / "pages").read_text(encoding="utf-8")
+    return results.write_page(fakes.study("vision"), "vision", root, root / "pages").read_text(encoding="utf-8")
 
 
 def test_the_page_by_hand(tmp_path):

@@ -92,19 +92,19 @@ def test_a_clearance_too_small_is_found_out(surveyor):
 def test_a_layout_that_the_arm_only_half_reaches_and_its_page(tmp_path):
     """One column; its last cell is out of reach and yet allowed, which the exit code says."""
     assert main([str(tmp_path), "--rows", "4", "--cols", "1", "--set", "n_sectors=5"]) == 1
-    rows = list(csv.DictReader((tmp_path / "corridors.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "corridors" / "rows.csv").open()))
     assert len(rows) == 20
     assert all(row["allowed"] == "1" for row in rows)
     assert [row["followed"] for row in rows if row["cell"] == "1"] == ["1"] * 5
     assert [row["followed"] for row in rows if row["cell"] == "4"] == ["0"] * 5
     assert "no joint angles" in rows[-1]["why_not"]
     spec, docs = fakes.study("reach_panda_slim"), tmp_path / "docs"
-    page = results.write(spec, "reach_panda_slim", tmp_path, docs).read_text(encoding="utf-8")
+    page = results.write_page(spec, "reach_panda_slim", tmp_path, docs).read_text(encoding="utf-8")
     followed = sum(row["followed"] == "1" for row in rows)
     assert f"| corridors to follow | 20 | 20 | {followed} | {20 - followed} | 0 |" in page
     assert "4 x 1 cells of 0.12 m" in page
     spec["folder"] = str(tmp_path / "gone")
-    assert results.write(spec, "reach_panda_slim", None, docs).read_text(encoding="utf-8") == page
+    assert results.write_page(spec, "reach_panda_slim", None, docs).read_text(encoding="utf-8") == page
 
 
 def test_a_plan_for_the_same_reach_differs_in_nothing(reach):

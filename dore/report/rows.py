@@ -1,0 +1,113 @@
+"""Rows as CSV: rows.csv of an evaluation, one row an instance and planner, and any other table."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, fields
+from enum import StrEnum
+from pathlib import Path
+from typing import IO, Any
+
+import pandas as pd
+
+from dore.errors import InputError
+from dore.files import atomic_write
+from dore.world.plan import Status
+
+
+class Timing(StrEnum):
+    """What `planning_s` of a row means."""
+
+    SINGLE = "single"
+    """The instance was planned alone: a latency."""
+    BATCHED = "batched"
+    """A batch was planned together: the share that the planner attributes to the instance. Their mean is one over the
+    throughput."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """How one planner did on one instance; the columns of rows.csv.
+
+    instance: its number in the set, from 1. reason: why there is no solution, or empty.
+    moves: rearrangements, as far as the plan goes. planning_s: wall seconds, see `timing`.
+    """
+
+    planner: str
+    instance: int
+    n_cells: int
+    n_obstacles: int
+    status: Status
+    reason: str
+    moves: int
+    planning_s: float
+    expansions: int
+    timing: Timing
+
+
+ROW_COLUMNS = tuple(field.name for field in fields(Row))
+TEXT_COLUMNS = ("planner", "status", "reason", "timing")
+
+
+def append_row(file: IO[str], row: Row) -> None:
+    """Add a row to an open rows.csv, and put it on the disk."""
+    csv.writer(file, lineterminator="\n").writerow((asdict(row) | {"planning_s": f"{row.planning_s:.9f}"}).values())
+    file.flush()
+
+
+def write_rows(path: Path, rows: Iterable[Row]) -> None:
+    """Write rows.csv, whole or not at all."""
+    with atomic_write(path) as file:
+        file.write(",".join(ROW_COLUMNS) + "\n")
+        for row in rows:
+            append_row(file, row)
+
+
+def read_rows(path: Path) -> pd.DataFrame:
+    """The inverse of `write_rows`: a column a field of `Row`.
+
+    Raises:
+        InputError: no such file, other columns, a value that is wrong, two rows of a planner on one instance, or
+            planners with different instances; names the line where there is one.
+    """
+    rows = read_table(path, ROW_COLUMNS, TEXT_COLUMNS)
+    for name, known in (("status", Status), ("timing", Timing)):
+        wrong = ~rows[name].isin(list(known))
+        if wrong.any():
+            got = rows[name][wrong.idxmax()]
+            raise InputError(f"{path}, line {wrong.idxmax() + 2}: {name} {got!r}, want one of {', '.join(known)}")
+    if (lacking := rows.isna().any(axis=1)).any():
+        raise InputError(f"{path}, line {lacking.idxmax() + 2}: a value is missing")
+    if (twice := rows.duplicated(["planner", "instance"])).any():
+        one = rows[twice].iloc[0]
+        raise InputError(f"{path}: {one.planner} has two rows of instance {one.instance}")
+    return rows
+
+
+def read_table(path: str | os.PathLike[str], columns: Sequence[str], text: Sequence[str] | None) -> pd.DataFrame:
+    """A CSV file, its `text` columns as text; where `text` is None the columns are what their values look like.
+
+    Raises:
+        InputError: no such file, a missing column, or a value that is not a number.
+    """
+    kinds: dict[Any, Any] = dict.fromkeys(text or (), str)
+    try:
+        found = pd.read_csv(path, dtype=kinds, keep_default_na=False, na_values=[""])
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (ValueError, OSError) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    if missing := sorted(set(columns) - set(found.columns)):
+        raise InputError(f"{path}: no column {', '.join(missing)}")
+    if text is None:
+        return found
+    for name in text:
+        found[name] = found[name].fillna("") if name in found else ""
+    for name in (one for one in columns if one not in text):
+        wrong = pd.to_numeric(found[name], errors="coerce").isna() & found[name].notna()
+        if wrong.any():
+            got = found[name][wrong.idxmax()]
+            raise InputError(f"{path}, line {wrong.idxmax() + 2}: {name} {got!r}, want a number")
+    return found
