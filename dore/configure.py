@@ -9,6 +9,7 @@ from typing import Any
 
 from hydra.errors import InstantiationException
 from hydra.utils import instantiate
+from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from dore.errors import InputError, shown
 
@@ -103,6 +104,19 @@ def trust(*modules: str) -> None:
         if not isinstance(module, str) or not all(part.isidentifier() for part in module.split(".")):
             raise InputError(f"trust: got {shown(module)}, want names of modules")
     _users.update(modules)
+
+
+def trust_command_line(cfg: DictConfig) -> None:
+    """Let files name what the user's own command line names: the modules in its key `trust`, and its own classes.
+
+    Raises:
+        InputError: `trust` is no list of modules.
+    """
+    modules = cfg.get("trust", ListConfig([]))
+    if not isinstance(modules, ListConfig):
+        raise InputError(f"trust: got {shown(modules)}, want a list of modules, as trust=[mine]")
+    trust(*modules)
+    _users.update(name for name in _targets(OmegaConf.to_container(cfg)) if isinstance(name, str))
 
 
 def check_classes(config: Any) -> None:

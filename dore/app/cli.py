@@ -19,6 +19,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.app import renamed, sweep, sweep_job
+from dore.configure import trust_command_line
 from dore.errors import ExitCode, InputError
 from dore.files import conf_dir
 
@@ -51,7 +52,7 @@ def _main(name: str) -> None:
         if name == "train" and HydraConfig.get().mode is RunMode.MULTIRUN:
             return sweep_job.run_job(cfg)
         # A sweep continues after a job that failed, and ends with the worst code.
-        codes.append(_guarded(name, lambda: _command(name)(cfg)))
+        codes.append(_guarded(name, lambda: _run_command(name, cfg)))
         return None
 
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
@@ -78,6 +79,11 @@ def _command(name: str) -> Callable[[DictConfig], int]:
         raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
     command: Callable[[DictConfig], int] = getattr(module, f"{name}_command")
     return command
+
+
+def _run_command(name: str, cfg: DictConfig) -> int:
+    trust_command_line(cfg)
+    return _command(name)(cfg)
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:

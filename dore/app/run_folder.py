@@ -19,7 +19,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.configure import leaves, renamed
+from dore.configure import check_classes, leaves, renamed
 from dore.errors import InputError, path_of
 from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done
 
@@ -107,7 +107,13 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
             f"{path}: of version 0.1, whose training cannot be resumed; its model still plans and evaluates, "
             "and a new run trains (training.updates and training.update_after instead of training.updates_per_step)"
         )
-    return OmegaConf.create(renamed(OmegaConf.to_container(cfg)))
+    plain = renamed(OmegaConf.to_container(cfg))
+    for key, value in leaves(plain):
+        if isinstance(value, str) and "${" in value:
+            raise InputError(f"{path}: {key}: got {value!r}, want a value, as the config of a run holds")
+    with named(path):
+        check_classes(plain)
+    return OmegaConf.create(plain)
 
 
 def changes() -> list[str]:

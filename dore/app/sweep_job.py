@@ -21,6 +21,7 @@ from omegaconf import DictConfig
 
 from dore.app.run_folder import check_same, finished
 from dore.app.sweep import JOBS, STOP, SWEEPING, JobResult, results
+from dore.configure import trust_command_line
 from dore.errors import ExitCode, InputError
 from dore.files import atomic_write
 
@@ -60,6 +61,7 @@ def run_job(cfg: DictConfig) -> float | None:
 
     Returns its best IPT success, which a sweeper may maximise; None where it broke or was stopped.
     """
+    trust_command_line(cfg)
     settings = HydraConfig.get()
     parent = os.getppid() if os.environ.get(SWEEPING) == str(os.getppid()) else None
     job = Job(str(settings.sweep.subdir), Path(settings.sweep.dir), list(settings.overrides.task), parent)
