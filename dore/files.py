@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -29,9 +30,10 @@ def conf_dir() -> Path:
 def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` and rename it over `path` if the block ends well.
 
-    A crash, a full disk or an exception leaves the old file, or none, and never half a new one.
+    A crash, a full disk or an exception leaves the old file, or none, and never half a new one. A symbolic link is
+    followed.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with open(temporary, mode, encoding=None if "b" in mode else "utf-8") as file:
@@ -46,6 +48,28 @@ def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[A
         # On a read-only disk even this fails, and would speak of the temporary file.
         with suppress(OSError):
             temporary.unlink()
+
+
+def check_outputs(**outputs: Path) -> None:
+    """Make sure, before any work, that these files can be written; their folders are made.
+
+    Raises:
+        InputError: one is a folder, a device or a pipe, or the same file as another; names its key.
+        OSError: its folder cannot be made or written to.
+    """
+    seen: dict[str, str] = {}
+    for name, path in outputs.items():
+        place = os.path.realpath(path)
+        if os.path.lexists(place) and not os.path.isfile(place):
+            kind = "a folder" if os.path.isdir(place) else "no regular file"
+            raise InputError(f"{name}: {path} is {kind}, want a file")
+        if place in seen:
+            raise InputError(f"{name}: {path} is the file of {seen[place]} too, want two files")
+        seen[place] = name
+    for place in seen:
+        folder = Path(place).parent
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
 
 
 @contextmanager

@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
 from omegaconf import DictConfig, open_dict
 
 from dore.app import build, run_folder
 from dore.errors import ExitCode, InputError, path_of
-from dore.files import CONFIG_FILE, ROWS_FILE
+from dore.files import ROWS_FILE, locked
 from dore.planners.base import Planner
 from dore.report.evaluation import evaluate_into
 from dore.report.rows import Timing
@@ -51,11 +49,17 @@ def evaluate_command(cfg: DictConfig) -> int:
     if cfg.resume is not None:
         folder = path_of("resume", cfg.resume)
         cfg = _resumed_config(folder)
-        evaluation = Evaluation.of(cfg)
-    else:
-        evaluation = Evaluation.of(cfg)
-        with run_folder.claimed(_folder_of(cfg), worth=CONFIG_FILE) as folder:
-            run_folder.write_config(folder, cfg)
+        with locked(folder, "resume"):
+            return _evaluate(folder, Evaluation.of(cfg), cfg)
+    evaluation = Evaluation.of(cfg)
+    with run_folder.claimed(run_folder.folder_of(cfg)) as claim:
+        cfg.run_dir = str(claim.folder)
+        run_folder.write_config(claim.folder, cfg)
+        return _evaluate(claim.start(), evaluation, cfg)
+
+
+def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
+    """Make the rows that are missing, and print the tables; this process has locked the folder."""
     if not (folder / ROWS_FILE).exists():
         try:
             evaluate_into(folder, *evaluation)
@@ -65,14 +69,6 @@ def evaluate_command(cfg: DictConfig) -> int:
     print(evaluation_tables(folder))
     print(f"{ROWS_FILE} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
     return ExitCode.OK
-
-
-def _folder_of(cfg: DictConfig) -> Path:
-    """The evaluation's folder: its own in a sweep, so that no two jobs share one."""
-    settings = HydraConfig.get()
-    if settings.mode is RunMode.MULTIRUN:
-        cfg.run_dir = str(Path(settings.sweep.dir) / settings.sweep.subdir)
-    return path_of("run_dir", cfg.run_dir)
 
 
 def _resumed_config(folder: Path) -> DictConfig:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from omegaconf import DictConfig
 
 from dore.app import build
+from dore.app.run_folder import folder_of
 from dore.draw.boards import draw_plan
 from dore.errors import ExitCode, path_of, seed_of
+from dore.files import check_outputs
 from dore.world.files import read_scene, write_plan
 from dore.world.instances import random_problem
 from dore.world.plan import Plan, PlanFile, Status
@@ -22,8 +24,9 @@ EXIT_CODES = {
 def plan_command(cfg: DictConfig) -> int:
     """Plan one scene; write the plan, draw it, and print it; the exit code."""
     build.use_threads(cfg.threads)
-    out = path_of("out", cfg.out)
-    picture = out.with_suffix(".png") if cfg.picture is None else path_of("picture", cfg.picture)
+    out = folder_of(cfg, "out")
+    picture = out.with_suffix(".png") if cfg.picture is None else folder_of(cfg, "picture")
+    check_outputs(out=out, picture=picture)
     world = build.world_of(cfg, build.model_config(cfg))
     if cfg.scene == "random":
         reach = build.reach_of(world, cfg.device)
@@ -34,13 +37,10 @@ def plan_command(cfg: DictConfig) -> int:
         problem = Problem(scene, build.reach_of(world, cfg.device, scene.layout))
     (found,) = build.planner_of(cfg, problem.reach).plan(Batch.of(problem))
     write_plan(out, PlanFile(problem, found))
-    try:
-        draw_plan(problem, found, picture)
-    except OSError:
-        out.unlink()
-        raise
     _print_plan(found, cell_id(problem.scene.target))
-    print(f"plan: {out}  picture: {picture}")
+    print(f"plan: {out}", flush=True)
+    draw_plan(problem, found, picture)
+    print(f"picture: {picture}")
     return EXIT_CODES[found.status]
 
 

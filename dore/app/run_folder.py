@@ -7,6 +7,7 @@ import json
 import math
 import os
 import shutil
+import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -16,12 +17,14 @@ from typing import Any, cast
 
 import yaml
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.configure import check_classes, leaves, renamed
 from dore.errors import InputError, path_of
 from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done
+from dore.schema import named
 
 CHECKPOINT = "checkpoint.pt"
 BUDGET = "budget"
@@ -36,11 +39,24 @@ SPENDING = ("training.min_episodes", "training.max_episodes", "training.max_minu
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
-@contextmanager
-def claimed(path: object, worth: str) -> Iterator[Path]:
-    """A new run folder; it is removed again if the block fails before the file `worth` is there.
+class Claim:
+    """A new run folder that is locked for this process; see `claimed`."""
 
-    So a run that could not start leaves its name free. Meanwhile the folder is locked.
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.started = False
+
+    def start(self) -> Path:
+        """Its work begins: from here on the folder stays, whatever happens; returns it."""
+        self.started = True
+        return self.folder
+
+
+@contextmanager
+def claimed(path: object) -> Iterator[Claim]:
+    """A new run folder; it is removed again if the block fails before the work starts, so that its name stays free.
+
+    Meanwhile the folder is locked. Work that fails leaves the folder, and says so.
 
     Raises:
         InputError: it exists and holds something, or another process has just claimed it.
@@ -54,12 +70,32 @@ def claimed(path: object, worth: str) -> Iterator[Path]:
     with locked(folder, "run_dir"):
         if any(folder.iterdir()):
             raise taken
+        claim = Claim(folder)
         try:
-            yield folder
-        except BaseException:
-            if not (folder / worth).exists():
+            yield claim
+        except BaseException as error:
+            if not claim.started or not any(folder.iterdir()):
                 shutil.rmtree(folder, ignore_errors=True)
+            elif isinstance(error, Exception):
+                print(f"{folder} keeps what was written before it failed", file=sys.stderr)
             raise
+
+
+def folder_of(cfg: DictConfig, key: str = "run_dir") -> Path:
+    """Where a command writes: the path of a key, and in a sweep that path inside the job's own folder.
+
+    Raises:
+        InputError: in a sweep, an absolute path, which all jobs would share.
+    """
+    path, settings = path_of(key, cfg[key]), HydraConfig.get()
+    if settings.mode is not RunMode.MULTIRUN:
+        return path
+    own = Path(settings.sweep.dir) / settings.sweep.subdir
+    if key == "run_dir":
+        return own
+    if path.is_absolute() or ".." in path.parts:
+        raise InputError(f"{key}: got {path}, want a path inside each job's folder, {own}")
+    return own / path
 
 
 def clear_unstarted(folder: Path) -> None:
@@ -117,8 +153,8 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
 
 
 def changes() -> list[str]:
-    """What the command line gives beside `resume`."""
-    return [change for change in HydraConfig.get().overrides.task if not change.startswith("resume=")]
+    """What the command line gives beside `resume` and `trust`."""
+    return [change for change in HydraConfig.get().overrides.task if not change.startswith(("resume=", "trust="))]
 
 
 def check_same(folder: Path, cfg: DictConfig) -> None:

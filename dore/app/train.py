@@ -40,9 +40,11 @@ def train_command(cfg: DictConfig) -> int:
     if cfg.existing == "continue":
         run_folder.clear_unstarted(folder)
     trainer = trainer_of(cfg)
-    with run_folder.claimed(folder, worth=CHECKPOINT):
+    with run_folder.claimed(folder) as claim:
         run_folder.write_config(folder, cfg)
-        return _run(Session(trainer, folder, cfg, resumed=False))
+        session = Session(trainer, folder, cfg, resumed=False)
+        claim.start()
+        return _run(session)
 
 
 def _resume(folder: Path, cfg: DictConfig) -> int:
