@@ -9,7 +9,7 @@ from omegaconf import DictConfig, open_dict
 
 from dore.app import build, run_folder
 from dore.errors import ExitCode, InputError, path_of
-from dore.files import ROWS_FILE, locked
+from dore.files import CONFIG_FILE, ROWS_FILE, locked
 from dore.planners.base import Planner
 from dore.report.evaluation import evaluate_into
 from dore.report.rows import Timing
@@ -52,10 +52,10 @@ def evaluate_command(cfg: DictConfig) -> int:
         with locked(folder, "resume"):
             return _evaluate(folder, Evaluation.of(cfg), cfg)
     evaluation = Evaluation.of(cfg)
-    with run_folder.claimed(run_folder.folder_of(cfg)) as claim:
-        cfg.run_dir = str(claim.folder)
-        run_folder.write_config(claim.folder, cfg)
-        return _evaluate(claim.start(), evaluation, cfg)
+    with run_folder.claimed(run_folder.folder_of(cfg), worth=(CONFIG_FILE,)) as folder:
+        cfg.run_dir = str(folder)
+        run_folder.write_config(folder, cfg)
+        return _evaluate(folder, evaluation, cfg)
 
 
 def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TextIO, cast
 
 import yaml
 from hydra.core.hydra_config import HydraConfig
@@ -39,24 +39,12 @@ SPENDING = ("training.min_episodes", "training.max_episodes", "training.max_minu
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
-class Claim:
-    """A new run folder that is locked for this process; see `claimed`."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.started = False
-
-    def start(self) -> Path:
-        """Its work begins: from here on the folder stays, whatever happens; returns it."""
-        self.started = True
-        return self.folder
-
-
 @contextmanager
-def claimed(path: object) -> Iterator[Claim]:
-    """A new run folder; it is removed again if the block fails before the work starts, so that its name stays free.
+def claimed(path: object, worth: tuple[str, ...]) -> Iterator[Path]:
+    """A new run folder, locked for this process.
 
-    Meanwhile the folder is locked. Work that fails leaves the folder, and says so.
+    If the block fails before one of the files `worth` is there, the folder is removed again, so that a run that could
+    not start leaves its name free. Later on the folder stays, and a line says so.
 
     Raises:
         InputError: it exists and holds something, or another process has just claimed it.
@@ -70,14 +58,13 @@ def claimed(path: object) -> Iterator[Claim]:
     with locked(folder, "run_dir"):
         if any(folder.iterdir()):
             raise taken
-        claim = Claim(folder)
         try:
-            yield claim
+            yield folder
         except BaseException as error:
-            if not claim.started or not any(folder.iterdir()):
+            if not any((folder / name).exists() for name in worth):
                 shutil.rmtree(folder, ignore_errors=True)
             elif isinstance(error, Exception):
-                print(f"{folder} keeps what was written before it failed", file=sys.stderr)
+                print(f"{folder} keeps what was written before the error", file=sys.stderr)
             raise
 
 
@@ -205,23 +192,31 @@ class MetricsLog:
     """
 
     def __init__(self, path: Path, columns: tuple[str, ...], keep_until: int | None = None) -> None:
-        """keep_until: the iteration from which a run is resumed; later rows are dropped. None: a new file."""
-        self.columns = columns
-        kept = [] if keep_until is None else self._rows_until(path, keep_until)
-        with atomic_write(path) as file:
-            csv.DictWriter(file, columns).writeheader()
-            csv.DictWriter(file, columns).writerows(kept)
-        self._file = open(path, "a", encoding="utf-8", newline="")  # noqa: SIM115
-        self._writer = csv.DictWriter(self._file, columns)
+        """keep_until: the iteration from which a run is resumed; later rows are dropped. None: a new file.
+
+        A new file is made with its first row.
+        """
+        self.path, self.columns = path, columns
+        self._file: TextIO | None = None
+        if keep_until is not None:
+            self._begin(self._rows_until(path, keep_until))
 
     def write(self, row: Mapping[str, object]) -> None:
         """Add a row; None is left empty."""
-        self._writer.writerow(row)
-        self._file.flush()
+        file = self._file or self._begin([])
+        csv.DictWriter(file, self.columns).writerow(row)
+        file.flush()
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        (self._file or self._begin([])).close()
+
+    def _begin(self, rows: Iterable[Mapping[str, object]]) -> TextIO:
+        with atomic_write(self.path) as file:
+            csv.DictWriter(file, self.columns).writeheader()
+            csv.DictWriter(file, self.columns).writerows(rows)
+        self._file = open(self.path, "a", encoding="utf-8", newline="")  # noqa: SIM115
+        return self._file
 
     @staticmethod
     def _rows_until(path: Path, iteration: int) -> list[dict[str, str]]:

@@ -40,11 +40,9 @@ def train_command(cfg: DictConfig) -> int:
     if cfg.existing == "continue":
         run_folder.clear_unstarted(folder)
     trainer = trainer_of(cfg)
-    with run_folder.claimed(folder) as claim:
+    with run_folder.claimed(folder, worth=(CHECKPOINT, METRICS_FILE)):
         run_folder.write_config(folder, cfg)
-        session = Session(trainer, folder, cfg, resumed=False)
-        claim.start()
-        return _run(session)
+        return _run(Session(trainer, folder, cfg, resumed=False))
 
 
 def _resume(folder: Path, cfg: DictConfig) -> int:
