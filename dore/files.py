@@ -91,30 +91,28 @@ def locked(folder: Path, name: str) -> Iterator[None]:
         os.close(handle)
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """A JSON file.
+def read_record(path: Path) -> dict[str, Any]:
+    """What a run has recorded in a JSON file; nothing where there is no such file.
 
     Raises:
-        InputError: no such file, or a damaged one.
+        InputError: a damaged file.
     """
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        return {}
     except ValueError as error:
         raise InputError(f"{path}: damaged ({error})") from None
     return found
 
 
-def read_done(folder: Path) -> dict[str, Any] | None:
-    """How a training ended: its `stop_reason` and its progress; None while it has not ended.
+def read_done(folder: Path) -> dict[str, Any]:
+    """How a training ended: its `stop_reason` and its progress; nothing while it has not ended.
 
     Raises:
         InputError: a damaged file.
     """
-    if not (folder / DONE_FILE).exists():
-        return None
-    done = read_json(folder / DONE_FILE)
+    done = read_record(folder / DONE_FILE)
     if "ending" in done:  # The key's name in version 0.1.
         done["stop_reason"] = done.pop("ending")
     return done

@@ -16,7 +16,7 @@ import pandas as pd
 
 from dore.app.run_folder import read_config
 from dore.errors import InputError
-from dore.files import ABOUT_FILE, METRICS_FILE, atomic_write, read_done, read_json
+from dore.files import ABOUT_FILE, METRICS_FILE, atomic_write, read_done, read_record
 from dore.report.rows import read_table
 
 MOST_ROWS = 1100
@@ -78,9 +78,8 @@ def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     reading = folder.name.removeprefix(f"{structure}_{column}").removesuffix(f"seed{cfg.seed}").strip("_")
     found = {"name": folder.name, "structure": structure, "column": column, "seed": cfg.seed, "reading": reading}
     found |= {"t_lim": t_lim, "t_lim_updates": round(t_lim * ratio), "copy_every": every}
-    about = read_json(folder / ABOUT_FILE) if (folder / ABOUT_FILE).exists() else {}
-    done = read_done(folder) or {}
-    return found | {"commit": about.get("commit"), "ending": done.get("stop_reason")}, kept
+    commit, stop_reason = read_record(folder / ABOUT_FILE).get("commit"), read_done(folder).get("stop_reason")
+    return found | {"commit": commit, "ending": stop_reason}, kept
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from matplotlib.patches import Circle, Patch, Rectangle
 from torch import Tensor
 
 from dore.app import build
-from dore.draw.board_art import CELL_INCH, FAINT, INK, OBSTACLE, RADIUS, TARGET
+from dore.draw.board_art import CELL_INCH, FAINT, INK, OBSTACLE_COLOUR, RADIUS, TARGET_COLOUR
 from dore.errors import InputError
 from dore.files import atomic_write
 from dore.learn.agents.sequential import Sequential
@@ -150,7 +150,7 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
             bar = figure.colorbar(colours, cax=figure.add_axes((*beside, 0.1 / size[0], 0.5 * height / size[1])))
             bar.ax.tick_params(labelsize=6.5, colors=INK, pad=2)
         x, y = _on_paper(maps[0].scene, maps[0].choice)
-        axes.add_patch(Circle((x, y), RADIUS, fill=False, edgecolor=OBSTACLE, lw=1.2, ls=(0, (3, 2))))
+        axes.add_patch(Circle((x, y), RADIUS, fill=False, edgecolor=OBSTACLE_COLOUR, lw=1.2, ls=(0, (3, 2))))
         left += width + GAP_INCH
     _legend(figure)
     with atomic_write(path, "wb") as file:
@@ -167,9 +167,9 @@ def _titles(wanted: Wanted, maps: tuple[Map, Map]) -> tuple[str, str]:
 
 def _legend(figure: Figure) -> None:
     handles = [
-        Patch(facecolor=TARGET, label="target"),
-        Patch(facecolor=OBSTACLE, label="obstacle"),
-        Patch(facecolor="white", edgecolor=OBSTACLE, ls="--", label="lifted from here"),
+        Patch(facecolor=TARGET_COLOUR, label="target"),
+        Patch(facecolor=OBSTACLE_COLOUR, label="obstacle"),
+        Patch(facecolor="white", edgecolor=OBSTACLE_COLOUR, ls="--", label="lifted from here"),
         Patch(facecolor="white", edgecolor=CHOICE, lw=2, label="the greedy choice"),
         Patch(facecolor=ILLEGAL, label="cannot be chosen"),
     ]
@@ -194,7 +194,7 @@ def _board(axes: Axes, one: Map) -> ScalarMappable:
     scene, values = one.scene, one.values[one.legal]
     colours = ScalarMappable(Normalize(float(values.min()), float(values.max())), CMAP)
     digits = 2 if float(values.max() - values.min()) < 10 else 1
-    standing = {**dict.fromkeys(scene.obstacles, OBSTACLE), scene.target: TARGET}
+    standing = {**dict.fromkeys(scene.obstacles, OBSTACLE_COLOUR), scene.target: TARGET_COLOUR}
     for cell in range(scene.layout.n_cells):
         x, y = _on_paper(scene, cell)
         legal = bool(one.legal[cell])

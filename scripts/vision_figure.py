@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from dore.draw.board_art import FAINT, INK, OBSTACLE, TARGET
+from dore.draw.board_art import FAINT, INK, OBSTACLE_COLOUR, TARGET_COLOUR
 from dore.sim.motion.frames import Array
 from dore.sim.vision.perception import Frame
 from dore.sim.vision.scene_estimate import Detection, cell_of
@@ -65,7 +65,7 @@ def _outline(axes: Axes, frame: Frame, one: Detection, layout: Layout) -> None:
     edge = _footprint(one.half_width_m, one.yaw_rad, one.shape == "cylinder") + one.xy
     pixels = _pixels(frame, np.column_stack([edge, np.full(len(edge), one.height_m)]))
     axes.add_patch(Polygon(pixels, fill=False, edgecolor="white", lw=2.6))
-    axes.add_patch(Polygon(pixels, fill=False, edgecolor=TARGET if one.is_target else INK, lw=1.2))
+    axes.add_patch(Polygon(pixels, fill=False, edgecolor=TARGET_COLOUR if one.is_target else INK, lw=1.2))
     cell = cell_of(one, layout)
     text = "off" if cell is None else str(cell_id(cell))
     axes.text(*pixels[:-1].mean(0), text, fontsize=8, color="white", weight="bold", ha="center", va="center_baseline")
@@ -79,7 +79,9 @@ def _board(axes: Axes, seen: Sequence[Detection], placed: Arrangement) -> None:
         axes.text(-y - 0.92 * half, x + 0.9 * half, str(cell_id(cell)), fontsize=7, color=FAINT, va="top")
     for one in seen:
         outline = (_footprint(one.half_width_m, one.yaw_rad, one.shape == "cylinder") + one.xy) @ [[0, 1], [-1, 0]]
-        axes.add_patch(Polygon(outline, facecolor=TARGET if one.is_target else OBSTACLE, edgecolor="none"))
+        axes.add_patch(
+            Polygon(outline, facecolor=TARGET_COLOUR if one.is_target else OBSTACLE_COLOUR, edgecolor="none")
+        )
     for body, xy, yaw in zip(placed.bodies, placed.xy, placed.yaws_rad, strict=True):
         outline = (_footprint(body.half_width_m, float(yaw), body.shape == "cylinder") + xy) @ [[0, 1], [-1, 0]]
         axes.add_patch(Polygon(outline, fill=False, edgecolor=_TRUTH, lw=0.9))
@@ -91,7 +93,8 @@ def _board(axes: Axes, seen: Sequence[Detection], placed: Arrangement) -> None:
     axes.axis("off")
     axes.set_title("The board as seen, from the robot's side", fontsize=9.5, color=INK)
     handles = [
-        Circle((0, 0), facecolor=TARGET, label="target"), Circle((0, 0), facecolor=OBSTACLE, label="obstacle"),
+        Circle((0, 0), facecolor=TARGET_COLOUR, label="target"),
+        Circle((0, 0), facecolor=OBSTACLE_COLOUR, label="obstacle"),
         Line2D([], [], color=_TRUTH, lw=0.9, label="where it truly stands"),
     ]  # fmt: skip
     axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, frameon=False, fontsize=8)

@@ -44,3 +44,8 @@ def run(command: str, overrides: Sequence[str]) -> int:
         with pytest.raises(SystemExit) as ended:
             getattr(cli, command)()
     return int(ended.value.code or 0)
+
+
+def complaints(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """What the command says went wrong; other tests' libraries may have set up loggers that write there too."""
+    return [line for line in capsys.readouterr().err.splitlines() if line.startswith("dore-train")]

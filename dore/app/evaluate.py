@@ -48,7 +48,7 @@ def evaluate_command(cfg: DictConfig) -> int:
     """Evaluate planners on a split, or resume that, and print the tables made from its rows.csv; the exit code."""
     if cfg.resume is not None:
         folder = path_of("resume", cfg.resume)
-        cfg = _resumed_config(folder)
+        cfg = _own_config(folder)
         with locked(folder, "resume"):
             return _evaluate(folder, Evaluation.of(cfg), cfg)
     evaluation = Evaluation.of(cfg)
@@ -71,7 +71,7 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
     return ExitCode.OK
 
 
-def _resumed_config(folder: Path) -> DictConfig:
+def _own_config(folder: Path) -> DictConfig:
     """An evaluation's own config, in which nothing may differ: rows of two kinds would be in one file."""
     cfg = run_folder.read_config(folder, expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"))
     if changes := run_folder.changes():

@@ -171,7 +171,7 @@ def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
 def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None:
     """What `mark_done` wrote, unless that run has ended by its budget and `training` gives it a larger one."""
     done = read_done(folder)
-    if done is None:
+    if not done:
         return None
     minutes = training["max_minutes"]
     out_of_time = minutes is not None and done["seconds"] >= 60 * minutes

@@ -39,7 +39,7 @@ METRIC_COLUMNS = (
     "target_success",
     "env_steps_per_s",
 )
-FIGURES = ("success", "rearrangements")
+TEST_COLUMNS = ("success", "rearrangements")
 """What an IPT measures: of all worlds, and of each where there are several."""
 CURVE = "learning_curve.png"
 PRINT_S = 30.0
@@ -50,7 +50,7 @@ def columns_of(trainer: Trainer) -> tuple[str, ...]:
     """metrics.csv's columns: `METRIC_COLUMNS`, and each world's success and moves where there are several."""
     if len(trainer.worlds) == 1:
         return METRIC_COLUMNS
-    return (*METRIC_COLUMNS, *(f"{figure}_{name}" for figure in FIGURES for name in trainer.worlds))
+    return (*METRIC_COLUMNS, *(f"{column}_{name}" for column in TEST_COLUMNS for name in trainer.worlds))
 
 
 class Session:
@@ -176,7 +176,7 @@ class Session:
         }
         if tested is not None and len(tested.by_world) > 1:
             for name, result in tested.by_world.items():
-                row.update({f"{figure}_{name}": getattr(result, figure) for figure in FIGURES})
+                row.update({f"{column}_{name}": getattr(result, column) for column in TEST_COLUMNS})
         self.metrics.write(row)
         for logger in self.loggers.values():
             for name, value in row.items():

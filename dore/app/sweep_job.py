@@ -110,7 +110,7 @@ def _train_in_process(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
     more = [f"run_dir='{quoted}'", "existing=continue"]
     command = [sys.executable, "-c", "from dore.app.cli import train; train()", *job.overrides, *more]
     began = log.tell()
-    # A session of its own: Ctrl-C reaches it by way of `stop` alone, and so only once.
+    # A session of its own: Ctrl-C reaches it through `stop` alone, and so only once.
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
     )

@@ -11,16 +11,16 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon, Rectangle
 from dore.draw.style import BLUE, EDGE, EMPTY, FAINT, GREEN, INK, OCHRE, RED
 from dore.world.problem import Problem, Scene, cell_id
 
-OBSTACLE, TARGET, PICK_CORRIDOR, PLACE_CORRIDOR = RED, GREEN, BLUE, OCHRE
+OBSTACLE_COLOUR, TARGET_COLOUR, PICK_CORRIDOR_COLOUR, PLACE_CORRIDOR_COLOUR = RED, GREEN, BLUE, OCHRE
 CELL_INCH = 0.46
 """Edge of a cell on paper; everything else follows from it, so text never crowds the cells."""
 RADIUS = 0.3
 """Radius of an object as drawn, in cells; the physical one is part of the reach's clearance."""
 LEGEND = {
-    "obstacle": (OBSTACLE, 1.0),
-    "target and its corridor": (TARGET, 1.0),
-    "pick corridor": (PICK_CORRIDOR, 0.5),
-    "place corridor": (PLACE_CORRIDOR, 0.5),
+    "obstacle": (OBSTACLE_COLOUR, 1.0),
+    "target and its corridor": (TARGET_COLOUR, 1.0),
+    "pick corridor": (PICK_CORRIDOR_COLOUR, 0.5),
+    "place corridor": (PLACE_CORRIDOR_COLOUR, 0.5),
 }
 """What each colour means, with its opacity."""
 

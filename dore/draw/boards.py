@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from dore.draw.board_art import (
     CELL_INCH,
     LEGEND,
-    OBSTACLE,
-    PICK_CORRIDOR,
-    PLACE_CORRIDOR,
+    OBSTACLE_COLOUR,
+    PICK_CORRIDOR_COLOUR,
+    PLACE_CORRIDOR_COLOUR,
     RADIUS,
-    TARGET,
+    TARGET_COLOUR,
     draw_arrow,
     draw_cells,
     draw_corridor,
@@ -147,17 +147,17 @@ def _draw_panel(axes: Axes, panel: Panel, colours: Mapping[int, ColorType]) -> N
     axes.axis("off")
     draw_cells(axes, scene)
     if move is not None:
-        draw_corridor(axes, problem, move.place, move.place_direction_deg, PLACE_CORRIDOR)
-        draw_corridor(axes, problem, move.pick, move.pick_direction_deg, PICK_CORRIDOR)
+        draw_corridor(axes, problem, move.place, move.place_direction_deg, PLACE_CORRIDOR_COLOUR)
+        draw_corridor(axes, problem, move.pick, move.pick_direction_deg, PICK_CORRIDOR_COLOUR)
     if panel.target_direction_deg is not None:
-        draw_corridor(axes, problem, scene.target, panel.target_direction_deg, TARGET)
+        draw_corridor(axes, problem, scene.target, panel.target_direction_deg, TARGET_COLOUR)
     size = RADIUS * scene.layout.cell_m
-    usual: dict[int, ColorType] = {**dict.fromkeys(scene.obstacles, OBSTACLE), scene.target: TARGET}
+    usual: dict[int, ColorType] = {**dict.fromkeys(scene.obstacles, OBSTACLE_COLOUR), scene.target: TARGET_COLOUR}
     for cell, colour in usual.items():
         colour = colours.get(cell, colour)
         axes.add_patch(Circle(on_paper(scene, cell), size, facecolor=colour, edgecolor="white", lw=0.8, zorder=4))
     if move is not None:
-        edge = colours.get(move.pick, OBSTACLE)
+        edge = colours.get(move.pick, OBSTACLE_COLOUR)
         place = Circle(on_paper(scene, move.place), size, facecolor="white", edgecolor=edge, lw=1.2, zorder=4)
         place.set_linestyle((0, (2.5, 1.5)))
         axes.add_patch(place)

@@ -13,7 +13,7 @@ import yaml
 
 from dore.configure import leaves
 from dore.errors import InputError
-from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, read_done, read_json
+from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, read_done, read_record
 from dore.report.rows import ROW_COLUMNS, read_rows, read_table
 
 EXECUTION, ARGUMENTS = "execution.json", "arguments.json"
@@ -159,7 +159,7 @@ def executions(root: Path, pattern: str) -> Source:
     rows: list[dict[str, Any]] = []
     kinds: dict[Path, dict[str, Any]] = {}
     for folder, names in folders(root, pattern, EXECUTION):
-        report = read_json(folder / EXECUTION)
+        report = read_record(folder / EXECUTION)
         of_kind = root / pattern.partition("/")[0].format(**names)
         kind = kinds.setdefault(of_kind, names | {"unfinished": 0} | about_of(of_kind))
         if report["finished"]:
@@ -196,7 +196,7 @@ def tables(folder: Path, pattern: str) -> Source:
     """CSV files, one below the other; a NAME.json beside NAME.csv gives columns that are the same in all its lines."""
     rows, runs = [], []
     for path in sorted(folder.glob(pattern)):
-        about = read_json(path.with_suffix(".json")) if path.with_suffix(".json").exists() else {}
+        about = read_record(path.with_suffix(".json"))
         about = {
             name: "" if value is None else value for name, value in about.items() if not isinstance(value, list | dict)
         }
@@ -212,9 +212,9 @@ def about_of(folder: Path) -> dict[str, Any]:
     config = folder / CONFIG_FILE
     files = {
         "config": yaml.safe_load(config.read_text(encoding="utf-8")) if config.exists() else {},
-        "about": read_json(folder / ABOUT_FILE) if (folder / ABOUT_FILE).exists() else {},
-        "done": read_done(folder) or {},
-        "arguments": read_json(folder / ARGUMENTS) if (folder / ARGUMENTS).exists() else {},
+        "about": read_record(folder / ABOUT_FILE),
+        "done": read_done(folder),
+        "arguments": read_record(folder / ARGUMENTS),
     }
     # A list is one value, written out.
     return {key: str(value) if isinstance(value, list) else value for key, value in leaves(files)}

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from dore.errors import InputError
-from dore.files import atomic_write, read_json
+from dore.files import atomic_write, read_record
 from dore.report import page, plots
 from dore.report.cells import read_cells, write_cells
 from dore.report.facts import facts_of
@@ -59,8 +59,7 @@ def _read(
     if root is not None and not root.is_dir():
         raise InputError(f"folder: {root} is no folder, want that of the study's runs")
     sources = sources_of(spec, root or Path(spec.get("folder", "outputs")), results)
-    facts_file = results / f"{name}.json"
-    known = read_json(facts_file) if facts_file.exists() else {}
+    known = read_record(results / f"{name}.json")
     if _has_runs(sources):
         return sources, cells_of(spec, sources), facts_of(spec, sources)
     if root is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import importlib.util
 import json
 import os
 import signal
@@ -14,12 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from dore.app import run_folder, sweep, sweep_job
+from dore.app import sweep, sweep_job
 from dore.app.cli import short_name
-from dore.errors import InputError
-from dore.files import locked
-from dore.learn.trainer import StopReason
-from tests.commands import TINY, run
+from tests.commands import TINY, complaints, run
 
 SERIAL = "hydra/launcher=basic"
 """One job after another, in this process: what a test replaces is replaced for the jobs' supervisor too."""
@@ -29,11 +25,6 @@ LONG = [
     "training.min_episodes=1000000",
 ]
 """A run that does not end by itself; how many episodes it may play is said where it is used."""
-
-
-def complaints(capsys: pytest.CaptureFixture[str]) -> list[str]:
-    """What the command says went wrong; other tests' libraries may have set up loggers that write there too."""
-    return [line for line in capsys.readouterr().err.splitlines() if line.startswith("dore-train")]
 
 
 def outcomes(folder: Path) -> dict[str, sweep.JobResult]:
@@ -204,92 +195,3 @@ def test_short_names_differ(tmp_path):
     names = [short_name("a" * 200 + end) for end in "xy"]
     assert names[0] != names[1]
     assert short_name("") == "defaults"
-
-
-def test_a_folder_that_is_there_is_resumed(tmp_path, capsys):
-    folder = tmp_path / "run"
-    arguments = [*TINY, f"run_dir={folder}", "existing=continue"]
-    assert run("train", arguments) == 0
-    assert run("train", arguments) == 0
-    assert "finished already" in capsys.readouterr().out
-    done = json.loads((folder / "done.json").read_text())
-    done["ending"] = done.pop("stop_reason")  # as version 0.1 wrote it
-    (folder / "done.json").write_text(json.dumps(done))
-    assert run("train", arguments) == 0
-    assert "finished already" in capsys.readouterr().out
-    assert run("train", [*arguments, "training.max_episodes=190", "agent.gamma=0.9"]) == 2
-    assert "was started with agent.gamma=0.8, not 0.9" in capsys.readouterr().err
-    (folder / "checkpoint.pt").unlink()
-    (folder / "done.json").unlink()
-    (folder / "config.yaml").unlink()
-    assert run("train", arguments) == 2, "nothing of a run that it could have been"
-    assert (folder / "metrics.csv").exists()
-
-
-def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
-    folder = tmp_path / "run"
-    assert run("train", [*TINY, f"run_dir={folder}"]) == 0
-    with locked(folder, "run_dir"):
-        assert run("train", [f"resume={folder}", "training.max_episodes=190"]) == 2
-        (folder / "checkpoint.pt").unlink()
-        with pytest.raises(InputError, match="is in use by another process"):
-            run_folder.clear_unstarted(folder)
-    assert (folder / "metrics.csv").exists()
-
-
-def test_the_budgets_stop_reason_is_known_without_torch():
-    assert run_folder.BUDGET == StopReason.BUDGET
-
-
-def needs(plugin: str) -> pytest.MarkDecorator:
-    return pytest.mark.skipif(
-        importlib.util.find_spec(f"hydra_plugins.{plugin}") is None, reason=f"{plugin} is not there"
-    )
-
-
-@pytest.mark.parametrize(
-    ("option", "extra"),
-    [("hydra/launcher=ray", "ray"), ("hydra/launcher=submitit_slurm", "slurm"), ("hydra/sweeper=tune", "optuna")],
-)
-def test_a_plugin_that_is_not_there_names_its_extra(tmp_path, capsys, option, extra):
-    plugin = {"ray": "hydra_ray_launcher", "slurm": "hydra_submitit_launcher", "optuna": "hydra_optuna_sweeper"}[extra]
-    if importlib.util.find_spec(f"hydra_plugins.{plugin}"):
-        pytest.skip(f"{plugin} is there")
-    assert run("train", ["-m", *TINY, option, f"hydra.sweep.dir={tmp_path}"]) == 2
-    (line,) = complaints(capsys)
-    assert f"not installed, want the extra `{extra}`" in line
-
-
-@pytest.mark.parametrize(
-    "launcher",
-    [
-        pytest.param(["hydra/launcher=submitit_local"], marks=needs("hydra_submitit_launcher")),
-        pytest.param(["hydra/launcher=ray", "+hydra.launcher.ray.init.num_cpus=2"], marks=needs("hydra_ray_launcher")),
-    ],
-)
-def test_other_launchers(tmp_path, capsys, monkeypatch, launcher):
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    arguments = ["-m", *TINY, "agent=single,sequential", *launcher, f"hydra.sweep.dir={tmp_path}"]
-    assert run("train", arguments) == 0
-    assert "2 jobs done (0 of them before), 0 broken" in capsys.readouterr().out
-    assert run("train", arguments) == 0
-    assert "2 jobs done (2 of them before), 0 broken" in capsys.readouterr().out
-
-
-@needs("hydra_optuna_sweeper")
-def test_optuna_maximises_and_starts_again(tmp_path, capsys):
-    trials = ["hydra/sweeper=tune", "hydra.sweeper.n_trials=3", "optimizer.lr=tag(log, interval(0.001, 0.01))"]
-    arguments = ["-m", *TINY, *trials, f"hydra.sweep.dir={tmp_path}"]
-    assert run("train", arguments) == 0
-    best = (tmp_path / "optimization_results.yaml").read_text()
-    scores = [json.loads(path.read_text())["best_success"] for path in tmp_path.glob("*/done.json")]
-    assert len(scores) == 3
-    assert f"best_value: {max(scores)}" in best
-    assert run("train", arguments) == 0
-    assert "3 jobs done (3 of them before), 0 broken" in capsys.readouterr().out
-    assert (tmp_path / "optimization_results.yaml").read_text() == best
-    nothing = ["hydra/sweeper=tune", "hydra.sweeper.n_trials=2", "training.batch_size=0", "optimizer.lr=choice(1,2)"]
-    assert run("train", ["-m", *TINY, *nothing, f"hydra.sweep.dir={tmp_path / 'nothing'}"]) == 2
-    *broken, last = complaints(capsys)
-    assert sum("training.batch_size: got 0" in line for line in broken) == 2
-    assert last.startswith("dore-train: ValueError: No trials are completed")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from dore.draw.board_art import CELL_INCH, OBSTACLE
+from dore.draw.board_art import CELL_INCH, OBSTACLE_COLOUR
 from dore.draw.boards import Panel, draw_plan, panel_pixels, panels_of
 from dore.draw.curves import draw_learning_curve
 from dore.draw.style import DPI
@@ -114,10 +114,10 @@ def test_a_panel_shows_its_objects_in_the_colours_given() -> None:
     reach = Reach(scene.layout, clearance_m=0.1, half_fan_deg=15.0, n_sectors=30)
     panel = Panel(Problem(scene, reach), Move(scene.obstacles[1], 0, 0.0, 0.0))
     usual, blue = (panel_pixels(panel, 384, 400, colours) for colours in ({}, dict.fromkeys(scene.obstacles, "blue")))
-    assert has(usual, OBSTACLE)
+    assert has(usual, OBSTACLE_COLOUR)
     assert not has(usual, "blue")
     assert has(blue, "blue")
-    assert not has(blue, OBSTACLE)
+    assert not has(blue, OBSTACLE_COLOUR)
 
 
 HEADER = "env_steps,episodes,seconds,epsilon,loss,success,target_success\n"

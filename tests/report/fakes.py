@@ -1,4 +1,4 @@
-"""Run folders as the commands leave them, made by hand."""
+"""Run folders as the commands leave them, made by hand, and what a study makes of them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+import pandas as pd
 import yaml
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 from dore.files import conf_dir
+from dore.report.facts import facts_of
 from dore.report.rows import Row, Timing, write_rows
+from dore.report.sources import sources_of
+from dore.report.study import cells_of
 from dore.world.plan import Status
 
 NO_PLAN = 0
@@ -73,3 +77,16 @@ def training(folder: Path, *tests: Sequence[float], done: Mapping[str, Any] | No
 def _about(folder: Path, config: Mapping[str, Any]) -> None:
     (folder / "config.yaml").write_text(yaml.safe_dump(dict(config)), encoding="utf-8")
     (folder / "about.json").write_text(json.dumps(ABOUT), encoding="utf-8")
+
+
+def cell(cells: pd.DataFrame, metric: str, row: str, column: str) -> pd.Series:
+    """The one cell of that name."""
+    found = cells[(cells.metric == metric) & (cells["row"] == row) & (cells.column == column)]
+    assert len(found) == 1, f"{metric}, {row}, {column}: {len(found)} cells"
+    return found.iloc[0]
+
+
+def made(name: str, root: Path) -> tuple[pd.DataFrame, dict[str, object]]:
+    spec = study(name)
+    sources = sources_of(spec, root, root)
+    return cells_of(spec, sources), facts_of(spec, sources)

@@ -1,4 +1,4 @@
-"""The studies of conf/study: the pages in the repository are what they make of the committed cells; figures by hand."""
+"""The studies of conf/study: the pages in the repository are what they make of the committed cells; Table 4 by hand."""
 
 from __future__ import annotations
 
@@ -6,17 +6,12 @@ import math
 import shutil
 from pathlib import Path
 
-import pandas as pd
 import pytest
-from scipy import stats
 
 from dore.errors import InputError
 from dore.report import results, runs
-from dore.report.facts import facts_of
-from dore.report.sources import paper_table, sources_of
-from dore.report.study import cells_of
 from tests.report import fakes
-from tests.report.fakes import NO_PLAN, evaluation, rows_of, training
+from tests.report.fakes import NO_PLAN, cell, evaluation, made, rows_of, training
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs" / "results"
@@ -43,19 +38,6 @@ def test_every_run_of_a_study_can_be_named(name, tmp_path):
     jobs = [job for some in runs.jobs_of(fakes.study(name), tmp_path) for job in some]
     assert len({job.makes for job in jobs}) == len(jobs), "two runs in one folder"
     assert not any("{" in word for job in jobs for word in job.command()[3:])
-
-
-def cell(cells: pd.DataFrame, metric: str, row: str, column: str) -> pd.Series:
-    """The one cell of that name."""
-    found = cells[(cells.metric == metric) & (cells["row"] == row) & (cells.column == column)]
-    assert len(found) == 1, f"{metric}, {row}, {column}: {len(found)} cells"
-    return found.iloc[0]
-
-
-def made(name: str, root: Path) -> tuple[pd.DataFrame, dict[str, object]]:
-    spec = fakes.study(name)
-    sources = sources_of(spec, root, root)
-    return cells_of(spec, sources), facts_of(spec, sources)
 
 
 @pytest.fixture
@@ -154,145 +136,3 @@ def test_the_ablation_by_hand(tmp_path):
         shutil.rmtree(run)
     with pytest.raises(InputError, match="improved, single, heads: no run to compare it with"):
         made("ablation", tmp_path)
-
-
-@pytest.fixture
-def tables(tmp_path):
-    """The fifth instance has no plan; transfer learning solves the fourth and fails on the sixth; two equal columns."""
-    planners = {name: {"max_seconds": 60} for name in ("exact", "transfer", "graph_search")}
-    for z in (3, 8):
-        single = [
-            *rows_of("exact", 1, 2, 2, 3, NO_PLAN, 4, z=z),
-            *rows_of("straight_line", 2, 4, None, 6, None, None, z=z),
-            *rows_of("learned", 1, 2, 3, None, None, None, z=z, seconds=(1, 2, 3, 6, 1, 1)),
-            *rows_of("transfer", 1, 2, 3, 3, None, None, z=z, seconds=(1, 1, 1, 2, 20, 20), text="after 96 episodes"),
-            *rows_of("graph_search", 1, 2, 2, 3, NO_PLAN, None, z=z, seconds=(10, 20, 30, 60, 10, 10)),
-        ]
-        sequential = [
-            *rows_of("exact", 1, 2, 2, 3, NO_PLAN, 4, z=z),
-            *rows_of("learned", 1, 3, 2, 3, None, None, z=z),
-            *rows_of("guided", 1, 2, 2, 3, None, 4, z=z),
-        ]
-        evaluation(tmp_path / f"single/z{z}", single, planners=planners, timing="single", threads=1)
-        evaluation(tmp_path / f"sequential/z{z}", sequential, planners=planners, timing="single", threads=1)
-    for structure in ("single", "sequential"):
-        training(tmp_path / structure / "train", (10, 1, 0.9, 1, 1), instances={"min_obstacles": 3, "max_obstacles": 7})
-    return tmp_path
-
-
-def test_tables_2_and_3_by_hand(tables):
-    """`graph_search` gives up on the sixth instance; the first and second are solved by all."""
-    cells, facts = made("table2", tables)
-    planners = ["straight_line", "learned (single)", "learned (sequential)", "guided", "exact"]
-    moves = cells[(cells.metric == "rearrangements") & (cells.column == "3")]
-    assert list(moves["row"]) == ["paper: baseline", "paper: single DQN", "graph_search", *planners]
-    for planner, mean in zip(planners, (3, 1.5, 2, 1.5, 1.5), strict=True):
-        assert tuple(cell(cells, "rearrangements", planner, "3")[["n", "mean"]]) == (2, mean)
-    assert tuple(cell(cells, "rearrangements", "paper: single DQN", "8")[["n", "mean", "sd"]]) == (10, 3.6, 0.96)
-    saved = "rearrangements saved against straight_line (%)"
-    # The single model and the baseline share two instances, the others three, the fourth among them.
-    for planner, n, percent in (("learned (single)", 2, 50), ("learned (sequential)", 3, 100 * (1 - 7 / 12))):
-        found = cell(cells, saved, planner, "3")
-        assert (found["n"], found["mean"]) == (n, pytest.approx(percent))
-    theirs = 100 * (1 - (1.4 / 2.2 + 3.6 / 5.9) / 2)
-    assert cell(cells, saved, "paper: single DQN", "all")["mean"] == pytest.approx(theirs)
-    over = "rearrangements / proved optimum"
-    for planner, ratio in (("straight_line", 2), ("learned (single)", 1), ("learned (sequential)", 7 / 6)):
-        assert cell(cells, over, planner, "3")["mean"] == pytest.approx(ratio)
-    # What has no plan counts against no planner.
-    for planner, percent in (("straight_line", 60), ("transfer (single)", 80), ("guided", 100)):
-        assert tuple(cell(cells, "solved of the solvable (%)", planner, "3")[["n", "mean"]]) == (5, percent)
-    # Two of the five that have a plan are failed, of which the fourth is then solved.
-    learning = "transfer learning (TL)"
-    for column, n in (("3", 1), ("all", 2)):
-        assert tuple(cell(cells, learning, "learned (single) fails (%)", column)[["n", "mean"]]) == (5 * n, 40)
-        assert cell(cells, learning, "TL then solves (%)", column)["mean"] == 50
-        assert tuple(cell(cells, learning, "TL seconds", column)[["n", "mean"]]) == (n, 2)
-        assert cell(cells, learning, "TL episodes", column)["mean"] == 96
-    assert cell(cells, learning, "TL seconds, paper / ours", "all")["mean"] == 143 / 2
-    assert facts["budgets"] == ["exact 60 s, transfer 60 s"]
-    assert facts["trained"][0].startswith("`single` DQN: trained with 3-7 obstacles, seed 0, 120 s, 900 episodes")
-
-
-def test_table_1_by_hand(tables):
-    """Times are of all instances, also those that were given up."""
-    cells, _ = made("table1", tables)
-    found = cell(cells, "planning time (s)", "graph_search", "3")
-    assert (found["n"], found["mean"]) == (6, 140 / 6)
-    ratio = cell(cells, "planning time, graph_search / learned (single)", "ours", "3")
-    assert (ratio["n"], ratio["mean"]) == (6, pytest.approx(140 / 14))
-    paper = cell(cells, "planning time, graph_search / learned (single)", "paper", "3")
-    assert paper["mean"] == pytest.approx(1.3 / 0.8)
-    assert cell(cells, "median planning time (s)", "graph_search", "3")["mean"] == 15
-    assert cell(cells, "gave up (%)", "graph_search", "3")["mean"] == pytest.approx(100 / 6)
-
-
-def test_times_of_batches_are_no_planning_times(tables):
-    rows = tables / "single" / "z3" / "rows.csv"
-    rows.write_text(rows.read_text(encoding="utf-8").replace(",single\n", ",batched\n"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"sources.runs: timing batched, want single"):
-        made("table1", tables)
-
-
-def test_the_generalist_by_hand(tmp_path):
-    """Five instances of each world: the fourth has no plan, the fifth is decided by nobody."""
-    model = [*rows_of("learned", 1, 3, None, None, None), *rows_of("guided", 1, 2, 2, None, None)]
-    for reach, board, percent, n, cell_m in (
-        ("wide_hand", "6x6", 20, 7, 0.12),
-        ("wide_hand", "6x6", 30, 11, 0.12),
-        ("wide_hand", "10x10", 20, 20, 0.09),
-        ("published", "6x6", 20, 7, 0.12),
-        ("panda_slim", "6x6", 20, 7, 0.12),
-    ):
-        side = int(board.partition("x")[0])
-        layout = {
-            "_target_": "dore.world.layout.Layout.grid",
-            "rows": side,
-            "cols": side,
-            "cell_m": cell_m,
-            "front_m": 0.4,
-        }
-        config = {
-            "layout": layout,
-            "reach": {
-                "_target_": "dore.world.reach.Reach",
-                "clearance_m": 0.106,
-                "half_fan_deg": 30.0,
-                "n_sectors": 60,
-            },
-            "instances": {"seed": 0, "min_obstacles": n, "max_obstacles": n},
-            "model": "weights",
-        }
-        world = tmp_path / reach / f"{board}_{percent}"
-        evaluation(world / "exact", rows_of("exact", 1, 2, 2, NO_PLAN, None), **config)
-        evaluation(world / "model", model, **config)
-    cells, facts = made("generalist", tmp_path)
-    success, of_all, ratio = "success of the solvable (%)", "of all instances (%)", "rearrangements / proved optimum"
-    assert tuple(cell(cells, success, "6 x 6, learned", "20 %")[["n", "mean"]]) == (3, pytest.approx(200 / 3))
-    assert cell(cells, success, "6 x 6, guided", "30 %")["mean"] == 100
-    for row, percent in (("learned", 40), ("solvable", 60), ("undecided", 20)):
-        assert cell(cells, of_all, f"6 x 6, {row}", "20 %")["mean"] == pytest.approx(percent)
-    assert tuple(cell(cells, ratio, "6 x 6, learned", "20 %")[["n", "mean"]]) == (2, pytest.approx(4 / 3))
-    assert cell(cells, ratio, "6 x 6, proved optimum", "20 %")["mean"] == pytest.approx(5 / 3)
-    rows = ["6 x 6, learned", "6 x 6, guided", "6 x 6, solvable", "6 x 6, undecided", "10 x 10, 9 cm, learned"]
-    assert list(dict.fromkeys(cells[cells.metric == of_all]["row"]))[:5] == rows
-    for column, n in (("learned from", 3), ("its reach, but never this size or density", 9), ("never this reach", 3)):
-        assert cell(cells, "together (%)", "guided", column)["n"] == n
-    assert 50 < cell(cells, "other reaches", "published, 6 x 6, 20 %", "free at once %")["mean"] < 90
-    known = cells[(cells.metric == "learned from") & (cells["mean"] == 1)]
-    assert set(known["row"]) == {"wide_hand, 6 x 6"}
-    assert (facts["undecided"], facts["all"], facts["model"]) == (5, 25, "weights")
-    page = results.write_page(fakes.study("generalist"), "generalist", tmp_path, tmp_path / "p").read_text(
-        encoding="utf-8"
-    )
-    assert "| 6 x 6, learned | 66.7 [20.8, 93.9] \\* | 66.7 [20.8, 93.9] |" in page
-    assert "nan" not in page
-
-
-def test_the_papers_line_of_execution_times():
-    """The two constants of study=execution_time."""
-    moves, seconds = (paper_table(f"{name}_3x6")["mean"] for name in ("rearrangements", "execution_time"))
-    line = stats.linregress(moves, seconds)
-    spec = fakes.study("execution_time")
-    constants = [entry["constant"] for entry in spec["tables"][-1]["cells"] if "constant" in entry]
-    assert constants == pytest.approx([line.slope, line.intercept], abs=0.05)

@@ -1,0 +1,48 @@
+"""A run's folder: resumed, in use, and what says that it is done."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from dore.app import run_folder
+from dore.errors import InputError
+from dore.files import locked
+from dore.learn.trainer import StopReason
+from tests.commands import TINY, run
+
+
+def test_a_folder_that_is_there_is_resumed(tmp_path, capsys):
+    folder = tmp_path / "run"
+    arguments = [*TINY, f"run_dir={folder}", "existing=continue"]
+    assert run("train", arguments) == 0
+    assert run("train", arguments) == 0
+    assert "finished already" in capsys.readouterr().out
+    done = json.loads((folder / "done.json").read_text())
+    done["ending"] = done.pop("stop_reason")  # as version 0.1 wrote it
+    (folder / "done.json").write_text(json.dumps(done))
+    assert run("train", arguments) == 0
+    assert "finished already" in capsys.readouterr().out
+    assert run("train", [*arguments, "training.max_episodes=190", "agent.gamma=0.9"]) == 2
+    assert "was started with agent.gamma=0.8, not 0.9" in capsys.readouterr().err
+    (folder / "checkpoint.pt").unlink()
+    (folder / "done.json").unlink()
+    (folder / "config.yaml").unlink()
+    assert run("train", arguments) == 2, "nothing of a run that it could have been"
+    assert (folder / "metrics.csv").exists()
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert run("train", [*TINY, f"run_dir={folder}"]) == 0
+    with locked(folder, "run_dir"):
+        assert run("train", [f"resume={folder}", "training.max_episodes=190"]) == 2
+        (folder / "checkpoint.pt").unlink()
+        with pytest.raises(InputError, match="is in use by another process"):
+            run_folder.clear_unstarted(folder)
+    assert (folder / "metrics.csv").exists()
+
+
+def test_the_budgets_stop_reason_is_known_without_torch():
+    assert run_folder.BUDGET == StopReason.BUDGET
