@@ -22,6 +22,7 @@ MOVED = {
     "dore.layout.": "dore.world.layout.",
     "dore.reach.": "dore.world.reach.",
     "dore.instances.": "dore.world.instances.",
+    "torchrl.record.loggers.TensorboardLogger": "dore.learn.loggers.TensorBoard",
 }
 """Where the classes of version 0.1 are now, for the model files and run folders that name them."""
 

@@ -198,8 +198,10 @@ class MetricsLog:
         """
         self.path, self.columns = path, columns
         self._file: TextIO | None = None
+        self.kept = [] if keep_until is None else self._rows_until(path, keep_until)
+        """The rows that were there, and are still."""
         if keep_until is not None:
-            self._begin(self._rows_until(path, keep_until))
+            self._begin(self.kept)
 
     def write(self, row: Mapping[str, object]) -> None:
         """Add a row; None is left empty."""

@@ -21,7 +21,7 @@ from dore.app.run_folder import CHECKPOINT, MetricsLog, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import METRICS_FILE
-from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, save_checkpoint, save_model
+from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, save_checkpoint, save_model, tested_of
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for
@@ -53,6 +53,13 @@ def columns_of(trainer: Trainer) -> tuple[str, ...]:
     return (*METRIC_COLUMNS, *(f"{column}_{name}" for column in TEST_COLUMNS for name in trainer.worlds))
 
 
+def _log_row(logger: Logger, row: Mapping[str, Any]) -> None:
+    """A row of metrics.csv as TorchRL's loggers take it: its figures, by the steps of the environments."""
+    for name, value in row.items():
+        if value not in (None, "") and name not in ("iteration", "env_steps"):
+            logger.log_scalar(f"train/{name}", float(value), step=int(row["env_steps"]))
+
+
 class Session:
     """Runs a trainer in a run folder.
 
@@ -70,8 +77,15 @@ class Session:
         plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
         self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
         progress = trainer.progress
+        self.best = BEST_NAME if trainer.budget.keep == "last" else MODEL_NAME
+        if resumed:
+            self._recall_best()
         self.metrics = MetricsLog(folder / METRICS_FILE, columns_of(trainer), progress.iteration if resumed else None)
         self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
+        for logger in self.loggers.values():
+            if getattr(logger, "starts_over", False):
+                for row in self.metrics.kept:
+                    _log_row(logger, row)
         # No bar in a log file, but a line now and then.
         self.bar = tqdm(
             total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05, disable=None
@@ -155,7 +169,13 @@ class Session:
         progress = self.trainer.progress
         if progress.best_cost is None or tested.cost <= progress.best_cost:
             progress.best_success, progress.best_cost = tested.success, tested.cost
-            self._save_model(MODEL_NAME if self.trainer.budget.keep == "best" else BEST_NAME)
+            self._save_model(self.best, Tested(tested.success, tested.cost))
+
+    def _recall_best(self) -> None:
+        """The best model may be better than the checkpoint knows: it was kept after it, or by the run's last test."""
+        progress, kept = self.trainer.progress, tested_of(self.folder / self.best)
+        if kept is not None and (progress.best_cost is None or kept.cost < progress.best_cost):
+            progress.best_success, progress.best_cost = kept
 
     def _log(self, progress: Progress, tested: TestResult | None) -> None:
         now, steps = time.perf_counter(), progress.env_steps
@@ -179,9 +199,7 @@ class Session:
                 row.update({f"{column}_{name}": getattr(result, column) for column in TEST_COLUMNS})
         self.metrics.write(row)
         for logger in self.loggers.values():
-            for name, value in row.items():
-                if value is not None and name not in ("iteration", "env_steps"):
-                    logger.log_scalar(f"train/{name}", value, step=steps)
+            _log_row(logger, row)
         success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
         how = f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
         self.bar.set_postfix_str(how)
@@ -197,5 +215,5 @@ class Session:
             self._save_model(MODEL_NAME)
         self._saved_at = time.perf_counter()
 
-    def _save_model(self, name: str) -> None:
-        save_model(self.folder / name, self.trainer.learner.averaged.weights(), self.model_config)
+    def _save_model(self, name: str, tested: Tested | None = None) -> None:
+        save_model(self.folder / name, self.trainer.learner.averaged.weights(), self.model_config, tested)

@@ -11,7 +11,7 @@ import io
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import torch
@@ -86,9 +86,32 @@ def _unsealed(path: Path) -> io.BytesIO:
     return io.BytesIO(rest)
 
 
-def save_model(path: str | os.PathLike[str], weights: dict[str, Tensor], config: dict[str, Any]) -> None:
-    """Write a model file: the online networks' weights, and the config that builds them."""
-    write_tensors(path, weights, {"format": MODEL_FORMAT, "config": json.dumps(config)})
+class Tested(NamedTuple):
+    """The IPT that a model was kept for."""
+
+    success: float
+    cost: float
+
+
+def save_model(
+    path: str | os.PathLike[str], weights: dict[str, Tensor], config: dict[str, Any], tested: Tested | None = None
+) -> None:
+    """Write a model file: the online networks' weights, the config that builds them, and the test that it passed."""
+    header = {"format": MODEL_FORMAT, "config": json.dumps(config)}
+    write_tensors(path, weights, header if tested is None else {**header, "tested": json.dumps(tested)})
+
+
+def tested_of(path: Path) -> Tested | None:
+    """The IPT that a model was kept for; None: no model, or one that does not say.
+
+    Raises:
+        InputError: a damaged file.
+    """
+    if not path.exists():
+        return None
+    with named(path):
+        _, header = read_tensors(path, MODEL_FORMAT)
+        return Tested(*checked(parse_json(header["tested"]), tuple[float, float])) if "tested" in header else None
 
 
 def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -9,16 +9,19 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import pairwise
 
 import pytest
 import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from dore.app import session
 from dore.errors import InputError
 from dore.learn.budget import Budget, LinearEpsilon
-from dore.learn.checkpoint import load_checkpoint, load_model
+from dore.learn.checkpoint import load_checkpoint, load_model, tested_of
+from dore.learn.evaluator import TestResult
 from dore.learn.learner import Learner
-from dore.learn.trainer import Diverged
+from dore.learn.trainer import Diverged, Trainer
 from tests.commands import TINY, run
 
 TIMES = ("seconds", "env_steps_per_s")
@@ -92,12 +95,49 @@ def test_resume_keeps_what_it_is_told_and_spends_no_more(tmp_path, capsys):
     assert run("train", [f"resume={folder}", "training.max_episodes=190"]) == 0
     before = (folder / "metrics.csv").read_bytes()
     assert run("train", [f"resume={folder}"]) == 0
-    assert "are spent" in capsys.readouterr().out
+    assert "is used up" in capsys.readouterr().out
     assert (folder / "metrics.csv").read_bytes() == before
     done = json.loads((folder / "done.json").read_text())
     (folder / "done.json").unlink()  # as if killed after the last checkpoint
     assert run("train", [f"resume={folder}"]) == 0
     assert json.loads((folder / "done.json").read_text()) == done
+
+
+def test_the_best_model_stays_the_best_over_extensions(tmp_path, monkeypatch):
+    """Each part ends with a test of its own; what was kept after an earlier part is replaced by a better model only."""
+    folder, costs = tmp_path / "run", iter([3.0, 5.0, 4.0, 2.0, 6.0])
+    tests = []
+
+    def tested(self):
+        tests.append(TestResult(0.5, False, 2.0, next(costs), {}))
+        return tests[-1]
+
+    monkeypatch.setattr(Trainer, "run_test", tested)
+    few = ["ipt.every_episodes=1000000", f"run_dir={folder}", "training.max_episodes=40"]
+    assert run("train", [*TINY, *few]) == 0
+    kept = [load_model(folder)[0]]
+    for episodes in (60, 80, 100, 120):
+        assert run("train", [f"resume={folder}", f"training.max_episodes={episodes}"]) == 0
+        kept.append(load_model(folder)[0])
+    assert len(tests) == 5
+    assert [same(a, b) for a, b in pairwise(kept)] == [True, True, False, True]
+    assert tested_of(folder / "model.safetensors") == (0.5, 2.0)
+    assert json.loads((folder / "done.json").read_text())["best_cost"] == 2.0
+
+
+def test_tensorboard_has_no_point_twice_or_after_the_checkpoint(tmp_path):
+    folder = tmp_path / "run"
+    assert run("train", [*TINY, "logger=tensorboard", "training.max_episodes=70", f"run_dir={folder}"]) == 0
+    old = load_checkpoint(folder / "checkpoint.pt")["progress"]["env_steps"]
+    with open(folder / "metrics.csv", "a", encoding="utf-8") as file:  # A row that was lost with a killed process.
+        file.write(f"100000,{old + 99},99,99,1,0.1,0.1,0.1,,0.9,1\n")
+    assert run("train", [f"resume={folder}", "training.max_episodes=150"]) == 0
+    log = EventAccumulator(str(folder / "tensorboard"))
+    log.Reload()
+    steps = [event.step for event in log.Scalars("train/episodes")]
+    assert steps == [int(row["env_steps"]) for row in metrics(folder)]
+    assert steps == sorted(steps)
+    assert old + 99 not in steps
 
 
 def test_a_moved_run_logs_where_it_is(tmp_path, monkeypatch):
@@ -178,7 +218,7 @@ def test_it_learns_and_stops_when_the_ipt_passes(tmp_path):
     ]
     assert run("train", [*overrides, f"run_dir={tmp_path / 'run'}"]) == 0
     done = json.loads((tmp_path / "run" / "done.json").read_text())
-    assert done["ending"] == "passed"
+    assert done["stop_reason"] == "passed"
     assert done["success"] >= 0.9
     rows = [row for row in metrics(tmp_path / "run") if row["success"]]
     assert float(rows[0]["success"]) < 0.9, "the first test must not pass, or this shows nothing"
