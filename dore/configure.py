@@ -66,6 +66,8 @@ def make(node: Any, name: str, **given: Any) -> Any:
     """
     if node is None:
         raise InputError(f"{name}: not given, want one of its options ({name}=NAME)")
+    if not isinstance(node, Mapping):
+        raise InputError(f"{name}: got {shown(node)}, want one of its options ({name}=NAME)")
     if "_target_" not in node:
         raise InputError(f"{name}: only {', '.join(map(str, node))} given, want one of its options ({name}=NAME) too")
     try:
