@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import os
 import re
@@ -22,6 +21,7 @@ from dore.app import renamed, sweep, sweep_job
 from dore.configure import trust_command_line
 from dore.errors import ExitCode, InputError
 from dore.files import conf_dir
+from dore.schema import nearest
 
 LONGEST_NAME = 120
 EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
@@ -128,9 +128,7 @@ def _config_message(command: str, text: str) -> str:
     if not isinstance(node, DictConfig):
         parent, last, node = "", parent, composed
     options = [str(name) for name in node if not str(name).startswith("_")]
-    near = difflib.get_close_matches(last, options, n=1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    return f"{key}: no such key{hint}; {parent or command} has: {', '.join(options)}"
+    return f"{key}: no such key{nearest(last, options)}; {parent or command} has: {', '.join(options)}"
 
 
 # The programs of pyproject.toml.

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import csv
 import os
-from pathlib import Path
 
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
 from dore.draw.style import BLUE, FAINT, GREEN, INK, RED, plain, save_png
 from dore.errors import InputError
+
+LINES = {"success": ("IPT success (%)", GREEN, 100), "loss": ("loss", RED, 1), "epsilon": ("epsilon", BLUE, 1)}
+"""What is drawn, a panel a column: its name, its colour, and what it is multiplied with."""
 
 
 def draw_learning_curve(csv_path: str | os.PathLike[str], png_path: str | os.PathLike[str]) -> None:
@@ -26,17 +28,11 @@ def draw_learning_curve(csv_path: str | os.PathLike[str], png_path: str | os.Pat
     metrics = _read_metrics(csv_path)
     figure = Figure((7.0, 5.6), facecolor="white", layout="constrained")
     axes = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.2, 0.8))
-    _mark_target(axes[0], metrics["target_success"][-1][1])
-    marker = "o" if len(metrics["success"]) < 80 else ""
-    lines = (
-        ("success", "IPT success (%)", GREEN, 100),
-        ("loss", "loss", RED, 1),
-        ("epsilon", "epsilon", BLUE, 1),
-    )
-    for axis, (name, label, colour, scale) in zip(axes, lines, strict=True):
-        points = metrics[name]
-        steps, values = [step for step, _ in points], [scale * value for _, value in points]
-        axis.plot(steps, values, color=colour, lw=1.4, marker=marker if name == "success" else "", ms=3)
+    _mark_target(axes[0], metrics["target_success"].iloc[-1])
+    for axis, (name, (label, colour, scale)) in zip(axes, LINES.items(), strict=True):
+        points = metrics[["env_steps", name]].dropna()
+        marker = "o" if name == "success" and len(points) < 80 else ""
+        axis.plot(points["env_steps"], scale * points[name], color=colour, lw=1.4, marker=marker, ms=3)
         axis.set_ylabel(label, fontsize=9, color=INK)
         plain(axis)
     axes[0].set_ylim(0, 103)
@@ -62,26 +58,20 @@ def _mark_target(axes: Axes, wanted: float) -> None:
     )
 
 
-def _read_metrics(path: str | os.PathLike[str]) -> dict[str, list[tuple[float, float]]]:
-    """(env steps, value) of each column, where there is a value."""
-    names = ("epsilon", "loss", "success", "target_success")
-    points: dict[str, list[tuple[float, float]]] = {name: [] for name in names}
+def _read_metrics(path: str | os.PathLike[str]) -> pd.DataFrame:
+    """The columns that are drawn, as floats; nan where there is no value."""
+    wanted = ["env_steps", *LINES, "target_success"]
     try:
-        with Path(path).open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            missing = sorted({"env_steps", *names} - set(reader.fieldnames or ()))
-            if missing:
-                raise InputError(f"{path}: no column {', '.join(missing)}")
-            for record in reader:
-                for name in names:
-                    if record[name]:
-                        points[name].append((float(record["env_steps"]), float(record[name])))
+        found = pd.read_csv(path)
+        missing = sorted(set(wanted) - set(found))
+        metrics = found.reindex(columns=wanted).astype(float)
+        metrics = metrics[metrics["target_success"].notna()]  # A line that was cut off has none.
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: {error}") from None
-    if not points["target_success"]:
+        raise InputError(f"{path}: {' '.join(str(error).split())}") from None
+    if missing:
+        raise InputError(f"{path}: no column {', '.join(missing)}")
+    if metrics.empty:
         raise InputError(f"{path}: no rows")
-    return points
+    return metrics

@@ -31,7 +31,7 @@ def facts_of(spec: Spec, sources: Mapping[str, Source]) -> dict[str, Any]:
         if "changes" in fact:
             found[name] = _changes(source.runs, fact)
             continue
-        rows = chosen(f"facts.{name}", source.rows, fact["where"]) if "where" in fact else source.rows
+        rows = chosen(f"facts.{name}", source.rows, fact)
         if "by" in fact:
             found[name] = "-".join(map(str, sorted(set(rows.groupby(fact["by"]).size()))))
         else:
@@ -43,7 +43,7 @@ def _lines(name: str, runs: pd.DataFrame, fact: Spec) -> list[str] | dict[str, s
     """A line a run, each once, or by a name of the run; `0[config.seed]` is the run's value of that key."""
     if runs.empty:
         return []
-    some = chosen(f"{name}.where", runs, fact["where"]) if "where" in fact else runs
+    some = chosen(name, runs, fact)
     try:
         lines = {
             str(one.get(fact.get("by"), number)): fact["lines"].format(one)

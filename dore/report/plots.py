@@ -19,8 +19,10 @@ from dore.draw import style
 from dore.draw.style import FAINT, INK
 from dore.errors import InputError
 from dore.report.frame import Source, Spec
+from dore.report.measures import numbers
 from dore.report.panels import COLOURS, finish, legend, panels
 from dore.report.row_plots import histogram, rays
+from dore.report.sources import chosen
 
 DASHES = (0, (4, 3))
 SHORT = FuncFormatter(lambda x, _: f"{x / 1e6:g}M" if x >= 1e6 else f"{x / 1e3:g}k" if x >= 1e3 else f"{x:g}")
@@ -104,7 +106,7 @@ def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place
 
 def _curves(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:
     """A panel a value of `by`: each series' success over `x`; several runs as their mean and a band over all."""
-    frames = [(one, _of_series(one, sources)) for one in spec["series"]]
+    frames = [(one, chosen("figures.series", sources[one["from"]].rows, one)) for one in spec["series"]]
     frames = [(one, rows) for one, rows in frames if not rows.empty]
     if not frames:
         return None
@@ -126,11 +128,6 @@ def _curves(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> F
     return figure
 
 
-def _of_series(series: Spec, sources: Mapping[str, Source]) -> pd.DataFrame:
-    rows = sources[series["from"]].rows
-    return rows.query(series["where"]) if "where" in series and not rows.empty else rows
-
-
 def _curve(axes: Axes, series: Spec, rows: pd.DataFrame, spec: Spec) -> None:
     colour, known = COLOURS[series["colour"]], rows[rows[spec["x"]].notna()]
     if "level" in series:
@@ -141,7 +138,7 @@ def _curve(axes: Axes, series: Spec, rows: pd.DataFrame, spec: Spec) -> None:
     if known.empty:
         return
     runs = [one for _, one in known.groupby(series["over"])] if "over" in series else [known]
-    x, low, mean, high = band([(one[spec["x"]].to_numpy(), _success(one, spec)) for one in runs])
+    x, low, mean, high = band([(one[spec["x"]].to_numpy(), numbers(one, spec["y"]).to_numpy()) for one in runs])
     marker = "o" if len(x) < 30 else ""
     axes.plot(x, mean, color=colour, lw=1, marker=marker, ms=2.5, label=series["label"])
     if len(runs) > 1:
@@ -150,10 +147,6 @@ def _curve(axes: Axes, series: Spec, rows: pd.DataFrame, spec: Spec) -> None:
         every = float(rows[series["ticks"]].iloc[0])
         copies = np.arange(every, x[-1], every)
         axes.plot(copies, np.full(len(copies), 1.5), "|", color=FAINT, ms=5, mew=0.8)
-
-
-def _success(rows: pd.DataFrame, spec: Spec) -> np.ndarray:
-    return np.asarray(rows.eval(spec["y"], engine="python"), float)
 
 
 def band(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, ...]:

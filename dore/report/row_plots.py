@@ -23,7 +23,7 @@ def histogram(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) ->
     if rows.empty:
         return None
     figure, (axes,) = panels(1, 1, 6.4, 4.2)
-    groups = [numbers(_of(one, rows), spec["of"]) for one in spec["series"]]
+    groups = [numbers(chosen("figures.series", rows, one), spec["of"]) for one in spec["series"]]
     look: dict[str, Any] = {
         "color": [COLOURS[one["colour"]] for one in spec["series"]],
         "label": [one["label"] for one in spec["series"]],
@@ -46,7 +46,7 @@ def rays(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figu
         return None
     figure, (axes,) = panels(1, 1, 7.2, 3.8)
     for one in spec["series"]:
-        here = _of(one, rows)
+        here = chosen("figures.series", rows, one)
         if here.empty:
             continue
         start = np.stack([numbers(here, spec["x_of"]), numbers(here, spec["y_of"])], -1)
@@ -63,7 +63,3 @@ def rays(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figu
     axes.margins(0.06)
     legend(figure, [axes], 4)
     return figure
-
-
-def _of(series: Spec, rows: pd.DataFrame) -> pd.DataFrame:
-    return chosen("figures.series.where", rows, series["where"]) if "where" in series else rows

@@ -62,8 +62,7 @@ def _prepared(name: str, source: Spec, rows: pd.DataFrame) -> pd.DataFrame:
             raise InputError(f"{name}: {column} {', '.join(others)}, want {wanted}")
     for column, renamed in source.get("rename", {}).items():
         rows[column] = rows[column].replace(dict(renamed))
-    if "where" in source:
-        rows = chosen(f"{name}.where", rows, source["where"]).copy()
+    rows = chosen(name, rows, source).copy()
     for column, expression in source.get("define", {}).items():
         rows[column] = evaluated(f"{name}.define.{column}", rows, expression)
     if "paper" in source:
@@ -104,6 +103,11 @@ def paper_table(name: str) -> pd.DataFrame:
 
 
 def evaluated(name: str, rows: pd.DataFrame, expression: str) -> pd.Series:
+    """A value a row.
+
+    Raises:
+        InputError: an expression that does not fit the rows; `name` says whose.
+    """
     try:
         found: pd.Series = rows.eval(expression, engine="python")
     except Exception as error:  # pandas passes on whatever an expression raises.
@@ -111,9 +115,13 @@ def evaluated(name: str, rows: pd.DataFrame, expression: str) -> pd.Series:
     return found
 
 
-def chosen(name: str, rows: pd.DataFrame, condition: str) -> pd.DataFrame:
-    return rows[evaluated(name, rows, condition).astype(bool)]
+def chosen(name: str, rows: pd.DataFrame, node: Spec, key: str = "where") -> pd.DataFrame:
+    """The rows that fulfil the condition `key` of a part of a study; all of them where it has none."""
+    if key not in node or rows.empty:
+        return rows
+    return rows[evaluated(f"{name}.{key}", rows, node[key]).astype(bool)]
 
 
 def names_in(template: str) -> list[str]:
+    """The names in braces: `{size}, {planner}` has two."""
     return [name for _, name, _, _ in string.Formatter().parse(template) if name]

@@ -101,7 +101,7 @@ def _measured(where: str, entry: Spec, sources: Mapping[str, Source], made: Cell
     every = sources[entry["from"]].rows
     if every.empty:
         return
-    rows = chosen(f"{where}.where", every, entry["where"]) if "where" in entry else every
+    rows = chosen(where, every, entry)
     rows = _joined(where, entry, sources[entry["from"]], rows)
     row, column, each = entry["row"], entry.get("column", "{column}"), entry.get("each")
     keys = [key for key in names_in(row + column) if key != each]
@@ -122,7 +122,7 @@ def _values_of(where: str, entry: Spec, rows: pd.DataFrame) -> list[Any]:
     """The values of the column `each`, which has a row each; one of no meaning where there is none."""
     if "each" not in entry:
         return [None]
-    among = chosen(f"{where}.each_where", rows, entry["each_where"]) if "each_where" in entry else rows
+    among = chosen(where, rows, entry, "each_where")
     return sorted(among[entry["each"]].unique())
 
 
@@ -131,7 +131,7 @@ def _joined(where: str, entry: Spec, source: Source, rows: pd.DataFrame) -> pd.D
     for key, names in (("only_with", ()), ("base", ("moves", "planning_s", "simulated_s"))):
         if key in entry:
             values = [name for name in names if name in rows]
-            other = chosen(f"{where}.{key}", source.rows, entry[key])
+            other = chosen(where, source.rows, entry, key)
             at = [*source.world, "instance"]
             rows = rows.merge(other[[*at, *values]], on=at, suffixes=("", "_base"))
     return rows
