@@ -144,10 +144,8 @@ def _value(entry: Spec, group: pd.DataFrame) -> Estimate:
     given = {key: entry[key] for key in ("of", "to") if key in entry}
     if over := entry.get("over"):
         each = [measure(one, **given) for _, one in group.groupby(over, sort=False)]
-        found = estimates.spread([one.mean for one in each])
-    else:
-        found = measure(group, **given)
-    return found.scaled(entry["scale"]) if "scale" in entry else found
+        return estimates.spread([one.mean for one in each])
+    return measure(group, **given)
 
 
 def _related(entry: Spec, at: Spec, found: Estimate, made: Cells) -> Estimate:

@@ -1,4 +1,4 @@
-"""The runner of the paper's runs: it stops in time, goes on from its checkpoint, and its page says how far it is."""
+"""The runner of the paper's runs: it stops in time, resumes from its checkpoint, and its page says how far it is."""
 
 from __future__ import annotations
 
