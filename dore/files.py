@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import subprocess
 import tempfile
@@ -12,7 +11,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
+import msgspec
+
 from dore.errors import InputError
+from dore.schema import checked, named, read_json
 
 CONFIG_FILE, ABOUT_FILE, ROWS_FILE = "config.yaml", "about.json", "rows.csv"
 """In a run's folder: its config, what made it, and the rows of an evaluation or a measuring program."""
@@ -97,13 +99,19 @@ def read_record(path: Path) -> dict[str, Any]:
     Raises:
         InputError: a damaged file.
     """
-    try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+    if not path.exists():
         return {}
-    except ValueError as error:
-        raise InputError(f"{path}: damaged ({error})") from None
-    return found
+    with named(path):
+        return checked(read_json(path), dict[str, Any])
+
+
+class _Done(msgspec.Struct):
+    """What every training has recorded at its end; there is more, by version."""
+
+    stop_reason: str
+    episodes: int
+    seconds: float
+    best_success: float | None
 
 
 def read_done(folder: Path) -> dict[str, Any]:
@@ -115,6 +123,9 @@ def read_done(folder: Path) -> dict[str, Any]:
     done = read_record(folder / DONE_FILE)
     if "ending" in done:  # The key's name in version 0.1.
         done["stop_reason"] = done.pop("ending")
+    if done:
+        with named(folder / DONE_FILE):
+            checked(done, _Done)
     return done
 
 

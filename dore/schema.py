@@ -97,6 +97,8 @@ def checked(data: Any, kind: type[T], name: str = "") -> T:
         return msgspec.convert(data, kind, strict=True)
     except msgspec.ValidationError as error:
         raise InputError(_line(str(error), data, kind, name)) from None
+    except UnicodeEncodeError:
+        raise InputError(f"{name or 'file'}: holds a character that is no Unicode, want plain text") from None
 
 
 def nearest(name: str, options: Sequence[str]) -> str:

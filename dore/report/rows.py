@@ -99,6 +99,8 @@ def read_table(path: str | os.PathLike[str], columns: Sequence[str], text: Seque
         raise InputError(f"{path}: no such file") from None
     except (ValueError, OSError) as error:
         raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    if not isinstance(found.index, pd.RangeIndex):  # What pandas makes of lines that are longer than the first one.
+        raise InputError(f"{path}: a line has more values than there are columns")
     if missing := sorted(set(columns) - set(found.columns)):
         raise InputError(f"{path}: no column {', '.join(missing)}")
     if text is None:
