@@ -16,27 +16,22 @@ def facts_of(spec: Spec, sources: Mapping[str, Source]) -> dict[str, Any]:
     """What the page's prose needs to know of the runs: commits, seeds, and what else the study's `facts` name."""
     runs = [source.runs for source in sources.values() if not source.runs.empty]
     every = pd.concat(runs, ignore_index=True) if runs else pd.DataFrame()
-    found: dict[str, Any] = {
-        "commit": _unique(every, "about.commit"),
-        "torch": _unique(every, "about.versions.torch"),
-    }
-    for name, fact in spec.get("facts", {}).items():
-        source = sources[fact["from"]]
-        if "run" in fact:
-            found[name] = _unique(source.runs, fact["run"])
-            continue
-        if "lines" in fact:
-            found[name] = _lines(f"facts.{name}", source.runs, fact)
-            continue
-        if "changes" in fact:
-            found[name] = _changes(source.runs, fact)
-            continue
-        rows = chosen(f"facts.{name}", source.rows, fact)
-        if "by" in fact:
-            found[name] = "-".join(map(str, sorted(set(rows.groupby(fact["by"]).size()))))
-        else:
-            found[name] = len(rows)
-    return found
+    found = {"commit": _unique(every, "about.commit"), "torch": _unique(every, "about.versions.torch")}
+    return found | {name: _fact(name, fact, sources[fact["from"]]) for name, fact in spec.get("facts", {}).items()}
+
+
+def _fact(name: str, fact: Spec, source: Source) -> Any:
+    """Of the runs: a key's values, a line each, or what each changes; of the rows: how many, or how many of each."""
+    if "run" in fact:
+        return _unique(source.runs, fact["run"])
+    if "lines" in fact:
+        return _lines(f"facts.{name}", source.runs, fact)
+    if "changes" in fact:
+        return _changes(source.runs, fact)
+    rows = chosen(f"facts.{name}", source.rows, fact)
+    if "by" in fact:
+        return "-".join(map(str, sorted(set(rows.groupby(fact["by"]).size()))))
+    return len(rows)
 
 
 def _lines(name: str, runs: pd.DataFrame, fact: Spec) -> list[str] | dict[str, str]:

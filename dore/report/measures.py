@@ -21,7 +21,7 @@ from dore.report.estimates import Estimate
 Measure = Callable[..., Estimate]
 
 
-def named(name: str) -> Measure:
+def measure_named(name: str) -> Measure:
     """A measure of this module, or `package.module.function`.
 
     Raises:

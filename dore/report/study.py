@@ -140,7 +140,7 @@ def _joined(where: str, entry: Spec, source: Source, rows: pd.DataFrame) -> pd.D
 def _value(entry: Spec, group: pd.DataFrame) -> Estimate:
     if group.empty:
         return Estimate(0)
-    measure = measures.named(entry["measure"])
+    measure = measures.measure_named(entry["measure"])
     given = {key: entry[key] for key in ("of", "to") if key in entry}
     if over := entry.get("over"):
         each = [measure(one, **given) for _, one in group.groupby(over, sort=False)]
