@@ -17,6 +17,9 @@ from dore.world.generator import InstanceSource
 from dore.world.reach import Reach
 from dore.world.rules import Failure
 
+MAX_ENVS, MAX_MOVES = 100_000, 1_000
+"""The observation grows with both."""
+
 
 @dataclass(frozen=True)
 class Rewards:
@@ -63,8 +66,8 @@ class RearrangeEnv(EnvBase):
     batch_locked = True
 
     def __init__(self, reach: Reach, source: InstanceSource, num_envs: int, max_moves: int, rewards: Rewards) -> None:
-        whole("env.num_envs", num_envs, 1)
-        whole("env.max_moves", max_moves, 1)
+        num_envs = whole("env.num_envs", num_envs, 1, at_most=MAX_ENVS)
+        max_moves = whole("env.max_moves", max_moves, 1, at_most=MAX_MOVES)
         super().__init__(device=reach.device, batch_size=torch.Size([num_envs]))
         self.reach = reach
         self.source = source
@@ -125,10 +128,11 @@ class RearrangeEnv(EnvBase):
         """One pick-and-place in every row; a row's result depends on that row only.
 
         Raises:
-            InputError: an observation that is not the environment's own.
+            InputError: an observation that is not the environment's own, or an action that is no cell; integers of any
+                width are cells.
         """
         self._check_own(tensordict)
-        pick, place = tensordict.get(keys.PICK), tensordict.get(keys.PLACE)
+        pick, place = self._cells(tensordict, keys.PICK), self._cells(tensordict, keys.PLACE)
         self._episodes, opened = advance(self.reach, self._under_way(), pick, place)
         solved, failure = self._episodes.solved, self._episodes.failure
         failed = failure != Failure.NONE
@@ -139,6 +143,21 @@ class RearrangeEnv(EnvBase):
             {keys.DONE: terminated | truncated, keys.TERMINATED: terminated, keys.TRUNCATED: truncated},
             {"pick": self._reward(opened, pick_failed), "place": self._reward(solved, failed)},
         )
+
+    def _cells(self, tensordict: TensorDictBase, key: keys.Key) -> Tensor:
+        """Int64[B]: the cells of one action."""
+        cell = tensordict.get(key, None)
+        name = f"env.step: {'.'.join(key)}"
+        if cell is None or cell.shape != self.batch_size:
+            got = "none" if cell is None else f"{list(cell.shape)}"
+            raise InputError(f"{name}: got {got}, want {list(self.batch_size)} cells")
+        if cell.dtype.is_floating_point or cell.dtype.is_complex or cell.dtype == torch.bool:
+            raise InputError(f"{name}: got {cell.dtype}, want integers")
+        cell = cell.long()
+        if bool(((cell < 0) | (cell >= self.reach.n_cells)).any()):
+            got = f"{int(cell.min())} to {int(cell.max())}"
+            raise InputError(f"{name}: got cells {got}, want 0 to {self.reach.n_cells - 1}")
+        return cell
 
     def _check_own(self, tensordict: TensorDictBase) -> None:
         """Refuse an observation of other boards: `step` goes on from the environment's own."""
