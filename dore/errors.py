@@ -30,7 +30,11 @@ class InputError(ValueError):
     """Bad input: one line that names the field, its value and what was wanted. The CLI exits with 2."""
 
 
-def whole(name: str, value: object, at_least: int, at_most: int | None = None) -> int:
+MOST = 10**12
+"""No count that this program takes is larger."""
+
+
+def whole(name: str, value: object, at_least: int, at_most: int = MOST) -> int:
     """`value` as an int of `at_least` or more, and `at_most` at most; integers of NumPy and torch will do.
 
     Raises:
@@ -39,7 +43,7 @@ def whole(name: str, value: object, at_least: int, at_most: int | None = None) -
     found = integer(value)
     if found is None or found < at_least:
         raise InputError(f"{name}: got {shown(value)}, want a whole number of {at_least} or more")
-    if at_most is not None and found > at_most:
+    if found > at_most:
         raise InputError(f"{name}: got {shown(value)}, want {at_most} at most")
     return found
 

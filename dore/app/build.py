@@ -9,7 +9,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from dore.configure import make
-from dore.errors import InputError, path_of, whole
+from dore.errors import InputError, path_of, shown, whole
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.planners.base import Planner
 from dore.world.instances import InstanceSplits
@@ -83,6 +83,18 @@ def model_config(cfg: DictConfig) -> Mapping[str, Any]:
     return load_model(SHIPPED if cfg.model is None else path_of("model", cfg.model))[1]
 
 
+def check_sections(cfg: DictConfig, *names: str) -> None:
+    """Refuse a config in which a section is a value.
+
+    Raises:
+        InputError: names the first such section.
+    """
+    for name in names:
+        node = OmegaConf.select(cfg, name)
+        if not isinstance(node, DictConfig):
+            raise InputError(f"{name}: got {shown(node)}, want a section with keys of its own")
+
+
 def use_threads(threads: int) -> None:
     """How many CPU threads torch may use."""
-    torch.set_num_threads(whole("threads", threads, 1))
+    torch.set_num_threads(whole("threads", threads, 1, at_most=256))

@@ -26,6 +26,8 @@ from dore.schema import nearest
 LONGEST_NAME = 120
 EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
 """Hydra's plugins that come with an extra of the package."""
+NO_NAME = re.compile(r"|null|true|false|nan|[-+]?inf|[-+]?\d+(\.\d*)?(e[-+]?\d+)?", re.IGNORECASE)
+"""What Hydra reads as a number, a truth value or nothing, and not as a name."""
 SIMULATOR = ("mani_skill", "sapien", "pinocchio", "coal", "gymnasium", "imageio", "PIL")
 """Modules that come with the extra `sim`."""
 
@@ -55,6 +57,8 @@ def _main(name: str) -> None:
         codes.append(_guarded(name, lambda: _run_command(name, cfg)))
         return None
 
+    if _guarded(name, lambda: _check_groups(sys.argv[1:])) != ExitCode.OK:
+        sys.exit(ExitCode.BAD_INPUT)
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
     try:
         composed = _guarded(name, lambda: command() or 0)
@@ -66,6 +70,17 @@ def _main(name: str) -> None:
         print(f"dore-{name}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
         sys.exit(max(code, ExitCode.FAILED))
     sys.exit(max([composed, *codes, sweep.conclude() or 0]))
+
+
+def _check_groups(overrides: list[str]) -> int:
+    """Refuse what is no name of an option where a group wants one: Hydra's answer to that is an assertion."""
+    for override in overrides:
+        key, given, value = override.lstrip("+").partition("=")
+        group = conf_dir() / key.partition("@")[0]
+        if given and not override.startswith("-") and group.is_dir() and NO_NAME.fullmatch(value):
+            options = ", ".join(sorted(path.stem for path in group.glob("*.yaml")))
+            raise InputError(f"{key}: got {value or 'nothing'}, want one of its options: {options}")
+    return ExitCode.OK
 
 
 def _command(name: str) -> Callable[[DictConfig], int]:

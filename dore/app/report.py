@@ -25,7 +25,7 @@ def report_command(cfg: DictConfig) -> int:
     if flag("run", cfg.run):
         if folder is None:
             folder = path_of("study.folder", spec.get("folder", f"outputs/{name}"))
-        code = runs.make_missing(spec, folder, whole("jobs", cfg.jobs, 1))
+        code = runs.make_missing(spec, folder, whole("jobs", cfg.jobs, 1, at_most=256))
         if code == ExitCode.STOPPED:
             print(f"stopped; resume with: dore-report study={name} run=true")
             return code

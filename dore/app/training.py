@@ -8,9 +8,9 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
-from dore.app.build import WORLD, reach_of, splits_of, use_threads
+from dore.app.build import WORLD, check_sections, reach_of, splits_of, use_threads
 from dore.configure import call, make
-from dore.errors import InputError, number, seed_of, whole
+from dore.errors import InputError, flag, number, seed_of, shown, whole
 from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget
 from dore.learn.learner import Learner
@@ -19,7 +19,14 @@ from dore.learn.trainer import MAIN, Trainer
 from dore.learn.worlds import World
 from dore.memory import memory_for
 from dore.world.instances import InstanceSplits
+from dore.world.layout import MAX_CELLS
 from dore.world.reach import Reach
+
+SECTIONS = (
+    *("training", "ipt", "env", "env.rewards", "instances", "agent", "buffer", "buffer.storage"),
+    *("target_update", "optimizer", "exploration", "loggers"),
+)
+"""The sections of dore-train's config whose keys are looked at before they are built."""
 
 
 def trainer_of(cfg: DictConfig) -> Trainer:
@@ -34,7 +41,10 @@ def trainer_of(cfg: DictConfig) -> Trainer:
     budget: Budget = make(cfg.training, "training")
     epsilon = make(cfg.exploration, "exploration")
     settings = {MAIN: _ground_of(cfg, cfg.device)}
-    for name, node in (cfg.get("worlds") or {}).items():
+    further = cfg.get("worlds", {})
+    if not isinstance(further, Mapping):
+        raise InputError(f"worlds: got {shown(further)}, want further worlds by their names, or {{}}")
+    for name, node in further.items():
         settings[str(name)] = _further_ground(str(name), node, cfg.device)
     torch.manual_seed(cfg.seed)
     agent = agent_of(cfg, settings[MAIN][0])
@@ -54,6 +64,18 @@ def trainer_of(cfg: DictConfig) -> Trainer:
 
 def _check_numbers(cfg: DictConfig) -> None:
     """Raise InputError for numbers that are wrong or do not fit together."""
+    sections = (
+        "training",
+        "ipt",
+        "env",
+        "env.rewards",
+        "instances",
+        "agent",
+        "buffer",
+        "buffer.storage",
+        "target_update",
+    )
+    check_sections(cfg, *sections, "optimizer", "exploration", "loggers")
     seed_of("seed", cfg.seed)
     whole("log_every", cfg.log_every, 1)
     number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
@@ -63,10 +85,17 @@ def _check_numbers(cfg: DictConfig) -> None:
             raise InputError(
                 f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
             )
-    if cfg.agent.get("n_slots", cfg.instances.max_obstacles) < cfg.instances.max_obstacles:
+    most = whole("instances.max_obstacles", cfg.instances.max_obstacles, 1, at_most=MAX_CELLS)
+    if whole("agent.n_slots", cfg.agent.get("n_slots", most), 1) < cfg.instances.max_obstacles:
         raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
     if (interval := cfg.target_update.get("value_network_update_interval")) is not None:
         whole("target_update.value_network_update_interval", interval, 0)
+    if "tau" in cfg.target_update:
+        number("target_update.tau", cfg.target_update.tau, above=0.0, at_most=1.0)
+    if "lr" in cfg.optimizer:
+        number("optimizer.lr", cfg.optimizer.lr, above=0.0, at_most=10.0)
+    if cfg.optimizer.get("fused") is not None:
+        flag("optimizer.fused", cfg.optimizer.fused)
 
 
 def _ground_of(config: Mapping[str, Any], device: str) -> tuple[Reach, InstanceSplits]:

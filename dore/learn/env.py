@@ -10,15 +10,16 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from dore.errors import InputError, number, whole
+from dore.errors import InputError, number, shown, whole
 from dore.learn import keys
-from dore.world.episode import Episodes, advance, begin, resumed
+from dore.world.episode import MAX_MOVES, Episodes, advance, begin, resumed
 from dore.world.generator import InstanceSource
 from dore.world.reach import Reach
 from dore.world.rules import Failure
 
-MAX_ENVS, MAX_MOVES = 100_000, 1_000
-"""The observation grows with both."""
+MAX_ENVS = 100_000
+LARGEST = 1e6
+"""No reward is larger: float32 holds it and its fractions."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Rewards:
 
     def __post_init__(self) -> None:
         for name in ("solved", "unfinished", "failed"):
-            number(f"env.rewards.{name}", getattr(self, name))
+            number(f"env.rewards.{name}", getattr(self, name), above=-LARGEST, at_most=LARGEST)
         if self.solved <= self.failed:
             raise InputError(f"env.rewards: solved {self.solved:g} is not above failed {self.failed:g}")
 
@@ -72,6 +73,8 @@ class RearrangeEnv(EnvBase):
         self.reach = reach
         self.source = source
         self.max_moves = max_moves
+        if not isinstance(rewards, Rewards):
+            raise InputError(f"env.rewards: got {shown(rewards)}, want solved, unfinished and failed")
         self.rewards = rewards
         self._make_specs(num_envs)
         self._episodes: Episodes | None = None

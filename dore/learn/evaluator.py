@@ -9,6 +9,7 @@ import torch
 
 from dore.errors import InputError, number, seed_of, whole
 from dore.learn.rollout import Choose, greedy_rollout
+from dore.world.episode import MAX_MOVES
 from dore.world.instances import InstanceSet
 
 
@@ -72,11 +73,12 @@ class PerformanceTest:
         seed: int,
     ) -> None:
         self.instances = instances
-        self.n_batches = whole("ipt.n_batches", n_batches, 1)
+        self.n_batches = whole("ipt.n_batches", n_batches, 1, at_most=10_000)
         self.batch_size = whole("ipt.batch_size", batch_size, 1)
         self.target_success = number("ipt.target_success", target_success, above=0.0, at_most=1.0)
         self.every_episodes = whole("ipt.every_episodes", every_episodes, 1)
-        self.max_moves = max_moves
+        self.max_moves = whole("ipt.max_moves", max_moves, 1, at_most=MAX_MOVES)
+        seed_of("ipt.seed", seed)
         if batch_size > len(instances):
             raise InputError(f"ipt.batch_size: {batch_size} instances from a validation split of {len(instances)}")
         self.generator = torch.Generator().manual_seed(seed_of("ipt.seed", seed))

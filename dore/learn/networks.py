@@ -17,6 +17,9 @@ from torch import Tensor, nn
 from dore.errors import InputError, whole
 from dore.world.layout import Layout
 
+MAX_WIDTH = 8192
+"""No layer is wider."""
+
 
 class NetworkFactory(Protocol):
     """Makes a network of one layout."""
@@ -39,7 +42,7 @@ class MLP(nn.Module):
         super().__init__()
         if not isinstance(widths, list | tuple) or not widths:
             raise InputError(f"network.widths: got {widths!r}, want a list of one hidden layer or more")
-        sizes = [n_planes * layout.n_cells, *(whole("network.widths", width, 1) for width in widths)]
+        sizes = [n_planes * layout.n_cells, *(whole("network.widths", width, 1, at_most=MAX_WIDTH) for width in widths)]
         layers: list[nn.Module] = [nn.Flatten()]
         for size, width in itertools.pairwise(sizes):
             layers += [nn.Linear(size, width), nn.SiLU()]
@@ -71,8 +74,8 @@ class ConvNet(nn.Module):
         if layout.grid_shape is None:
             raise InputError("network: conv needs a layout of rows and columns, this one is irregular; want mlp")
         self.shape = layout.grid_shape
-        whole("network.channels", channels, 1)
-        whole("network.blocks", blocks, 1)
+        whole("network.channels", channels, 1, at_most=MAX_WIDTH)
+        whole("network.blocks", blocks, 1, at_most=100)
         centres = layout.centres.float()
         spread = (centres - centres.mean(0)).abs().amax().clamp_min(1e-6)
         self.register_buffer("coordinates", ((centres - centres.mean(0)) / spread).T.contiguous(), persistent=False)
@@ -124,8 +127,8 @@ class CellNet(nn.Module):
         super().__init__()
         if any(n != layout.n_cells for n in n_outputs):
             raise InputError("network: cells has one output a cell, as agent=sequential wants; want mlp or conv here")
-        whole("network.width", width, 1)
-        whole("network.blocks", blocks, 1)
+        whole("network.width", width, 1, at_most=MAX_WIDTH)
+        whole("network.blocks", blocks, 1, at_most=100)
         self.stem = nn.Linear(n_planes, width)
         self.own = nn.ModuleList(nn.Linear(width, width) for _ in range(blocks))
         self.pooled = nn.ModuleList(nn.Linear(2 * width, width) for _ in range(blocks))

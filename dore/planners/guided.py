@@ -13,6 +13,7 @@ from dore.planners.base import RawPlan, checked_plans, parts_of
 from dore.planners.beam import Beam
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
+from dore.world.episode import MAX_MOVES
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -91,8 +92,10 @@ class Guided:
         improve_seconds: float,
     ) -> None:
         self.reach = reach
-        self.agent = Learned(reach, model, max_moves=whole("planners.guided.max_moves", max_moves, 1)).agent
-        self.width = whole("planners.guided.width", width, 1)
+        self.agent = Learned(
+            reach, model, max_moves=whole("planners.guided.max_moves", max_moves, 1, at_most=MAX_MOVES)
+        ).agent
+        self.width = whole("planners.guided.width", width, 1, at_most=4096)
         self.max_nodes = whole("planners.guided.max_nodes", max_nodes, 1)
         self.max_seconds = number("planners.guided.max_seconds", max_seconds, above=0.0)
         self.max_moves = max_moves

@@ -12,6 +12,7 @@ from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.model import agent_of
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.planners.base import RawPlan, checked_plans
+from dore.world.episode import MAX_MOVES
 from dore.world.layout import Layout
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
@@ -35,7 +36,7 @@ class Learned:
 
     def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
         self.reach = reach
-        self.max_moves = whole("planners.learned.max_moves", max_moves, 1)
+        self.max_moves = whole("planners.learned.max_moves", max_moves, 1, at_most=MAX_MOVES)
         self._file = SHIPPED if model is None else path_of("model", model)
         self._weights, self._config = load_model(self._file)
         self.agent = self.copy_of_agent()

@@ -13,6 +13,7 @@ from torch import Tensor
 from dore.errors import InputError, flag, number, whole
 from dore.planners.base import RawPlan, checked_plans
 from dore.world import board as boards
+from dore.world.episode import MAX_MOVES
 from dore.world.layout import Layout
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch, cell_id
@@ -88,7 +89,7 @@ class StraightLine:
             reach.clearance_m if corridor_m is None else number(f"{KEY}.corridor_m", corridor_m, above=0.0)
         )
         self.avoid_corridors = flag(f"{KEY}.avoid_corridors", avoid_corridors)
-        self.max_moves = whole(f"{KEY}.max_moves", max_moves, 1)
+        self.max_moves = whole(f"{KEY}.max_moves", max_moves, 1, at_most=MAX_MOVES)
         self.corridors = _corridors(reach.layout, self.start_m, self.corridor_m)
         self.approaches = _approaches(reach, self.start_m)
         self.farthest = _farthest(reach.layout)

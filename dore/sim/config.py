@@ -14,6 +14,7 @@ from hydra.utils import instantiate
 
 from dore.errors import InputError, flag, number, path_of, whole
 from dore.files import conf_dir
+from dore.world.reach import MAX_SECTORS
 
 Shapes = Literal["mixed", "cuboid", "cylinder"]
 
@@ -101,14 +102,15 @@ class ArmConfig:
         number("arm.tilt_deg", self.tilt_deg, above=-1.0, at_most=80.0)
         number("arm.max_yaw_deg", self.max_yaw_deg, above=0.0, at_most=89.0)
         number("arm.half_fan_deg", self.half_fan_deg, above=0.0, at_most=180.0)
-        whole("arm.n_sectors", self.n_sectors, 2)
+        whole("arm.n_sectors", self.n_sectors, 2, at_most=MAX_SECTORS)
         number("arm.corridor_margin_m", self.corridor_margin_m, above=-1e-9, at_most=1.0)
-        number("arm.joint_speed", self.joint_speed, above=0.0, at_most=1.0)
-        number("arm.joint_acceleration", self.joint_acceleration, above=0.0, at_most=1.0)
+        for name in ("joint_speed", "joint_acceleration", "hand_speed_m_s", "lift_speed_m_s"):
+            # Slower than that a motion takes hours, and its path does not fit into memory.
+            number(f"arm.{name}", getattr(self, name), above=0.009, at_most=2.0 if name.endswith("m_s") else 1.0)
         number("arm.clearance_m", self.clearance_m, above=-1e-9, at_most=0.1)
         lengths = ("grasp_height_m", "lift_m", "staging_m", "lateral_limit_m", "pushed_m")
-        for name in (*lengths, "hand_speed_m_s", "lift_speed_m_s"):
-            number(f"arm.{name}", getattr(self, name), above=0.0, at_most=2.0)
+        for name in lengths:
+            number(f"arm.{name}", getattr(self, name), above=0.0, at_most=2.0, unit="metres")
 
     @property
     def name(self) -> str:
@@ -152,7 +154,7 @@ class ObjectConfig:
     def __post_init__(self) -> None:
         if self.shapes not in get_args(Shapes):
             raise InputError(f"objects.shapes: got {self.shapes!r}, want one of {', '.join(get_args(Shapes))}")
-        number("objects.density_kg_m3", self.density_kg_m3, above=0.0)
+        number("objects.density_kg_m3", self.density_kg_m3, above=0.0, at_most=25_000.0)
         for name in ("cuboid_half_width_m", "can_radius_m", "height_m"):
             low, high = _numbers(f"objects.{name}", getattr(self, name), ("low", "high"))
             if not 0 < low <= high <= 1:
@@ -197,11 +199,11 @@ class ViewConfig:
     shadows: bool
 
     def __post_init__(self) -> None:
-        whole("view.width_px", self.width_px, 16)
-        whole("view.height_px", self.height_px, 16)
+        whole("view.width_px", self.width_px, 16, at_most=4096)
+        whole("view.height_px", self.height_px, 16, at_most=4096)
         number("view.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
-        number("view.frames_per_s", self.frames_per_s, above=0.0, at_most=60.0)
-        number("view.playback_speed", self.playback_speed, above=0.0, at_most=100.0)
+        number("view.frames_per_s", self.frames_per_s, above=0.09, at_most=60.0)
+        number("view.playback_speed", self.playback_speed, above=0.009, at_most=100.0)
         flag("view.shadows", self.shadows)
         for name in ("position_m", "look_at_m"):
             _numbers(f"view.{name}", getattr(self, name), ("x", "y", "z"))
@@ -238,4 +240,4 @@ def _numbers(name: str, values: object, wanted: tuple[str, ...]) -> list[float]:
     """
     if not isinstance(values, list | tuple) or len(values) != len(wanted):
         raise InputError(f"{name}: got {values!r}, want [{', '.join(wanted)}]")
-    return [number(name, value) for value in values]
+    return [number(name, value, above=-100.0, at_most=100.0) for value in values]

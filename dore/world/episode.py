@@ -15,6 +15,9 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure, LegalMoves, legal_moves, transition
 
+MAX_MOVES = 1_000
+"""No episode is longer: each remembers all of its boards."""
+
 
 class Episodes(NamedTuple):
     """B episodes, each at a board of its own."""

@@ -33,7 +33,7 @@ from dore.app import cli
 from dore.files import conf_dir
 from dore.report.measurements import write_measurements
 
-VALUES = ("-1", "0", "1e9", "1e308", "nan", "abc", "null", "[]", "{}")
+VALUES = ("-1", "0", "1e9", "1000000000", "1e308", "nan", "abc", "null", "[]", "{}")
 COMMANDS = {
     "train": ["layout=3x6", "instances.validation_size=50", "instances.test_size=50", "ipt.batch_size=20"],
     "evaluate": ["planner=[learned,straight_line,exact,guided,graph_search,transfer]", "limit=3", "layout=3x6"],

@@ -42,9 +42,9 @@ class Limits:
     max_looks: int
 
     def __post_init__(self) -> None:
-        whole("limits.max_moves", self.max_moves, 1)
+        whole("limits.max_moves", self.max_moves, 1, at_most=1000)
         whole("limits.max_faults", self.max_faults, 0)
-        whole("limits.max_looks", self.max_looks, 1)
+        whole("limits.max_looks", self.max_looks, 1, at_most=100)
 
 
 @dataclass(frozen=True)

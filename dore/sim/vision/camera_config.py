@@ -47,8 +47,8 @@ class CameraConfig:
         for name, known in (("noise", get_args(Noise)), ("target_by", get_args(TargetBy))):
             if getattr(self, name) not in known:
                 raise InputError(f"camera.{name}: got {getattr(self, name)!r}, want one of {', '.join(known)}")
-        whole("camera.width_px", self.width_px, 16)
-        whole("camera.height_px", self.height_px, 16)
+        whole("camera.width_px", self.width_px, 16, at_most=4096)
+        whole("camera.height_px", self.height_px, 16, at_most=4096)
         whole("camera.fewest_patches", self.fewest_patches, 1)
         number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
         number("camera.target_saturation", self.target_saturation, above=0.0, at_most=1.0)
@@ -66,7 +66,7 @@ class CameraConfig:
             if not isinstance(values, list | tuple) or len(values) != count:
                 raise InputError(f"camera.{name}: got {values!r}, want {count} numbers")
             for value in values:
-                number(f"camera.{name}", value)
+                number(f"camera.{name}", value, above=-1000.0, at_most=1000.0)
         low, high = self.target_hue_deg
         if not 0 <= low < high <= 360:
             raise InputError(f"camera.target_hue_deg: got [{low:g}, {high:g}], want 0 <= low < high <= 360")
