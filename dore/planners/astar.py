@@ -23,7 +23,7 @@ from dore.world.rules import lift, pickable, placeable, retrievable
 
 SMALLEST, LARGEST = 128, 1024
 """Boards expanded together: few while a solution may be near, then as many as had that f before them."""
-PAIRS = 8192
+PAIRS = 2048
 """Picks whose places are computed together, which bounds the memory of a step."""
 MEGABYTE = 2**20
 
@@ -135,6 +135,8 @@ class Search:
             elif len(new):
                 self.goal[seen.row[new]] = new
                 self._end(self.goal >= 0, Status.SOLVED, "")
+            if self._over_time(step.row):
+                break  # These boards' instances all end at the next `_spend`.
         seen.done[expanded.place] = budget
         complete = (is_open & (expanded.blocking <= budget - 2)).any(-1)
         self._queue(excess + 1, budget + 1, expanded.place[~complete])
@@ -191,6 +193,12 @@ class Search:
         now = time.perf_counter()
         self.seconds += row.bincount(minlength=len(self.seconds)) * ((now - self.clock) / len(row))
         self.clock = now
+
+    def _over_time(self, row: Tensor) -> bool:
+        """Whether the time since the last charge takes every instance among Int64[N] rows over its budget."""
+        share = row.bincount(minlength=len(self.seconds)) * ((time.perf_counter() - self.clock) / len(row))
+        late = self.seconds + share >= self.budget.seconds
+        return bool(late[row].all())
 
     def _spend(self) -> None:
         """Give up the instances whose budget is spent."""
