@@ -1,0 +1,290 @@
+"""Commands that are killed, started twice, or given a disk that is full or read-only: is anything lost, or wrong?
+
+    python -m tests.trust.kills outputs/trust
+
+kills/rows.csv: a row a trial; `lost`: what a resumed command could not find again; `wrong`: a result that differs from
+that of a command that nothing happened to. Needs the right to mount a small disk in memory for the last of these.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from tqdm import tqdm
+
+from dore.errors import InputError
+from dore.files import conf_dir, read_record
+from dore.learn.checkpoint import load_checkpoint, load_model
+from dore.report.measurements import write_measurements
+from dore.report.rows import read_rows
+from tests.commands import TINY
+
+TIMES = ("seconds", "env_steps_per_s", "planning_s")
+TRAIN = (*TINY, "training.max_episodes=1500", "checkpoint_minutes=0.002")
+EVALUATE = ("planner=[straight_line,learned]", "layout=3x6", "instances=z3-7", "limit=300")
+SWEEP = ("-m", "seed=0,1", *TINY, "training.max_episodes=600", "checkpoint_minutes=0.002", "hydra/launcher=basic")
+EXECUTE = ("video=off",)
+
+
+@dataclass
+class Trial:
+    """One trial, and what became of it."""
+
+    command: str
+    kind: str
+    lost: int = 0
+    wrong: int = 0
+    message: str = ""
+
+
+def start(command: str, *overrides: str, cwd: Path) -> subprocess.Popen[bytes]:
+    """A command in a session of its own."""
+    code = f"from dore.app.cli import {command}; {command}()"
+    path = str(Path(__file__).parents[2])
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *overrides],
+        cwd=cwd,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+    )
+
+
+def finish(process: subprocess.Popen[bytes]) -> tuple[int, str]:
+    """Exit code and what was said on stderr."""
+    _, said = process.communicate(timeout=300)
+    text = said.decode(errors="replace")
+    return process.returncode, "\n".join(line for line in text.splitlines() if re.match(r"dore-|Traceback", line))
+
+
+def kill(process: subprocess.Popen[bytes], after_s: float) -> bool:
+    """Kill a command and its children after some seconds; whether it was still at work."""
+    try:
+        process.communicate(timeout=after_s)
+        return False
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        return True
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """A CSV file without what a clock gave."""
+    with path.open(encoding="utf-8") as file:
+        return [{key: value for key, value in row.items() if key not in TIMES} for row in csv.DictReader(file)]
+
+
+def same_model(one: Path, other: Path) -> bool:
+    """Whether two runs ended with the same weights."""
+    (a, _), (b, _) = load_model(one), load_model(other)
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+def checked(trial: Trial, judge: Callable[[], Sequence[str]]) -> Trial:
+    """Add what a judge finds wrong; a file that cannot be read is lost."""
+    try:
+        faults = list(judge())
+        trial.wrong += len(faults)
+    except (InputError, OSError) as error:
+        trial.lost += 1
+        faults = [str(error)]
+    trial.message = "; ".join([trial.message, *faults]).strip("; ")
+    return trial
+
+
+def killed_trainings(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
+    """A run that is killed again and again until it ends, against one that is left alone."""
+    finish(start("train", *TRAIN, "run_dir=whole", cwd=home))
+
+    def faults(folder: Path) -> list[str]:
+        ended = "stop_reason" in read_record(folder / "done.json")
+        return [
+            *(["it did not end"] if not ended else []),
+            *(["other rows"] if table(folder / "metrics.csv") != table(home / "whole" / "metrics.csv") else []),
+            *(["other weights"] if not same_model(folder, home / "whole") else []),
+        ]
+
+    done, number = 0, 0
+    while done < kills:
+        folder, here = home / f"killed{number}", 0
+        number += 1
+        while True:
+            process = start("train", *TRAIN, f"run_dir={folder.name}", "existing=continue", cwd=home)
+            enough = done + here >= kills or here >= 5
+            if enough or not kill(process, random_.uniform(2.0, 9.0)):
+                code, said = finish(process) if enough else (process.returncode, "")
+                break
+            here += 1
+            if (folder / "checkpoint.pt").exists():
+                load_checkpoint(folder / "checkpoint.pt")
+        trial = checked(Trial("train", f"{here} kills", message=said), lambda folder=folder: faults(folder))  # type: ignore[misc]
+        trial.wrong += code != 0
+        done += max(here, 1)
+        yield trial
+
+
+def killed_evaluations(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
+    """An evaluation that is killed and resumed until it ends."""
+    finish(start("evaluate", *EVALUATE, "run_dir=whole", cwd=home))
+    done, number = 0, 0
+    while done < kills:
+        folder, here = f"killed{number}", 0
+        number += 1
+        process = start("evaluate", *EVALUATE, f"run_dir={folder}", cwd=home)
+        while here < 5 and done + here < kills and kill(process, random_.uniform(3.0, 7.0)):
+            here += 1
+            if (home / folder / "config.yaml").exists():
+                process = start("evaluate", f"resume={folder}", cwd=home)
+            else:
+                process = start("evaluate", *EVALUATE, f"run_dir={folder}", cwd=home)
+        code, said = finish(process) if process.poll() is None else (process.returncode, "")
+        trial = Trial("evaluate", f"{here} kills", wrong=int(code != 0), message=said)
+
+        def faults(folder: str = folder) -> list[str]:
+            read_rows(home / folder / "rows.csv")
+            rows = table(home / folder / "rows.csv")
+            return ["other rows"] if rows != table(home / "whole" / "rows.csv") else []
+
+        done += max(here, 1)
+        yield checked(trial, faults)
+
+
+def killed_sweeps(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
+    """A sweep, its process killed with its jobs, and the same command again."""
+    here = 0
+    while here < kills and kill(start("train", *SWEEP, "sweep=one", cwd=home), random_.uniform(4.0, 12.0)):
+        here += 1
+    code, said = finish(start("train", *SWEEP, "sweep=one", cwd=home))
+
+    def faults() -> list[str]:
+        folders = sorted((home / "outputs" / "sweeps" / "one").glob("*seed=*"))
+        for folder in folders:
+            load_model(folder)
+        ended = [folder for folder in folders if read_record(folder / "done.json")]
+        return [] if len(ended) == 2 else [f"{len(ended)} of 2 jobs ended"]
+
+    yield checked(Trial("sweep", f"{here} kills", wrong=int(code != 0), message=said), faults)
+
+
+def killed_executions(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
+    """An execution that is killed leaves no half a report; the next one in its folder's place succeeds."""
+    plan = f"plan={conf_dir() / 'plans' / 'fig7.json'}"
+    for number in range(kills):
+        process = start("execute", plan, *EXECUTE, f"run_dir=run{number}", cwd=home)
+        killed = kill(process, random_.uniform(4.0, 14.0))
+        trial = Trial("execute", "killed" if killed else "done before")
+
+        def faults(number: int = number) -> list[str]:
+            read_record(home / f"run{number}" / "execution.json")
+            return []
+
+        yield checked(trial, faults)
+    code, said = finish(start("execute", plan, *EXECUTE, "run_dir=last", cwd=home))
+    yield Trial("execute", "after the kills", wrong=int(code != 0), message=said)
+
+
+def double_starts(home: Path, starts: int) -> Iterator[Trial]:
+    """The same folder given to a second process while the first is at work."""
+    for number in range(starts):
+        command = ("train", "evaluate")[number % 2]
+        given = TRAIN if command == "train" else EVALUATE
+        folder = f"double{number}"
+        first = start(command, *given, f"run_dir={folder}", cwd=home)
+        wait_for(home / folder / "config.yaml", first)
+        second = start(command, *((f"resume={folder}",) if number % 4 < 2 else (*given, f"run_dir={folder}")), cwd=home)
+        code, said = finish(second)
+        first_code, first_said = finish(first)
+        trial = Trial(command, "double start", message=f"{said}; {first_said}".strip("; "))
+        trial.wrong += code != 2 or "Traceback" in said
+        trial.lost += first_code != 0
+        yield trial
+
+
+def wait_for(path: Path, process: subprocess.Popen[bytes]) -> None:
+    """Until a file is there, or the process has ended."""
+    while not path.exists() and process.poll() is None:
+        time.sleep(0.05)
+
+
+@contextmanager
+def small_disk(folder: Path, kilobytes: int) -> Iterator[Path]:
+    """A disk in memory."""
+    folder.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(folder)], check=True)
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def bad_disks(home: Path) -> Iterator[Trial]:
+    """Full and read-only disks: one line, and what was there before is whole."""
+    commands: dict[str, tuple[str, ...]] = {
+        "train": (*TRAIN, "run_dir=disk/run"),
+        "evaluate": (*EVALUATE, "run_dir=disk/run"),
+        "plan": ("planner=exact", "out=disk/plan.json"),
+        "execute": (f"plan={conf_dir() / 'plans' / 'fig7.json'}", *EXECUTE, "run_dir=disk/run"),
+    }
+    cases = [(name, size) for name in commands for size in (4, 40)] + [("plan", 0), ("train", 0)]
+    for number, (name, size) in enumerate(cases):
+        cwd = home / f"case{number}"
+        cwd.mkdir()
+        with small_disk(cwd / "disk", size or 400) as disk:
+            (disk / "kept.txt").write_text("here before")
+            if not size:
+                subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
+            code, said = finish(start(name, *commands[name], cwd=cwd))
+            trial = Trial(name, f"disk of {size} KiB" if size else "read-only disk", message=said)
+            trial.wrong += code not in (0, 1, 2) or "Traceback" in said or (code != 0 and said.count("\n") > 0)
+            trial.lost += (disk / "kept.txt").read_text() != "here before"
+            for path in disk.rglob("*.json"):
+                checked(trial, lambda path=path: [] if read_record(path) else ["an empty file"])  # type: ignore[misc]
+        yield trial
+
+
+def main() -> None:
+    """The program."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--kills", type=int, default=50)
+    parser.add_argument("--double", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    random_, tenth = random.Random(given.seed), -(-given.kills // 10)
+    trials = []
+    with tempfile.TemporaryDirectory() as home:
+        parts = (
+            lambda at: killed_trainings(at, 4 * tenth, random_),
+            lambda at: killed_evaluations(at, 3 * tenth, random_),
+            lambda at: killed_sweeps(at, 2 * tenth, random_),
+            lambda at: killed_executions(at, tenth, random_),
+            lambda at: double_starts(at, given.double),
+            bad_disks,
+        )
+        for number, part in enumerate(tqdm(parts, unit="part")):
+            at = Path(home) / str(number)
+            at.mkdir()
+            for trial in part(at):
+                trials.append(trial)
+                print(trial, flush=True)
+    write_measurements(given.folder / "kills", [asdict(trial) for trial in trials], seed=given.seed)
+    print(f"{len(trials)} trials, lost: {sum(t.lost for t in trials)}, wrong: {sum(t.wrong for t in trials)}")
+
+
+if __name__ == "__main__":
+    main()
