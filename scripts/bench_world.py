@@ -1,115 +1,61 @@
 """Times the accessibility check and the environment, each against what it must beat, in turn in one process.
 
-python scripts/bench_world.py [--threads N] [--out docs/results/world.md]
-Prints Markdown. Every ratio is of medians over rounds in which the variants take turns, so that a machine's
-drift hits all alike.
+python -m scripts.bench_world out=FOLDER
+FOLDER/reach/rows.csv and FOLDER/env/rows.csv have a row a round and variant, the variants of a round in turn, so that a
+machine's drift hits all alike; `dore-report study=world` makes the page.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import platform
-import statistics
+import os
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
+from tensordict import TensorDictBase
 from torch import Tensor
 
-from dore.files import atomic_write, commit
 from dore.learn import keys
 from dore.learn.env import RearrangeEnv, Rewards
+from dore.report.measurements import write_measurements
 from dore.world import board as boards
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.layout import Layout
 from dore.world.reach import Reach
 from dore.world.rules import legal_moves, legal_places, transition
+from scripts.program import run
 
 ROUNDS = 15
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "vfh_reference.json"
 PRESETS = {"published": (0.106, 30.0, 60), "wide_hand": (0.142, 15.0, 30)}
+BOARDS, ENVS = 8192, 4096
+Rows = list[dict[str, Any]]
 
 
-def main() -> None:
-    """Run the benchmarks and print, or write, the report."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads())
-    parser.add_argument("--out", type=Path)
-    chosen = parser.parse_args()
-    torch.set_num_threads(chosen.threads)
-    report = "\n".join([*_header(chosen.threads), *_reach_table(), "", *_env_table()]) + "\n"
-    print(report)
-    if chosen.out:
-        with atomic_write(chosen.out) as file:
-            file.write(report)
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows."""
+
+    out: Path
 
 
-def medians(variants: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Median seconds of each variant; they take turns, after two rounds that do not count."""
-    taken: dict[str, list[float]] = {name: [] for name in variants}
-    for round_ in range(ROUNDS + 2):
-        for name, run in variants.items():
-            began = time.perf_counter()
-            run()
-            if round_ >= 2:
-                taken[name].append(time.perf_counter() - began)
-    return {name: statistics.median(seconds) for name, seconds in taken.items()}
+def main(options: Options) -> None:
+    """Run the benchmarks and write their rows."""
+    load = f"{os.getloadavg()[0]:.2f}"
+    agreed, decisions = agreement()
+    about = {"load_before": load, "rounds": ROUNDS, "threads": 1, "agreed": agreed, "decisions": decisions}
+    write_measurements(options.out / "reach", reach_rows(), **about)
+    write_measurements(options.out / "env", env_rows(), **about)
 
 
-def _header(threads: int) -> list[str]:
-    return [
-        "# The accessibility check and the environment",
-        "",
-        f"`python scripts/bench_world.py --threads {threads}`, commit {commit()}, seed 0, torch {torch.__version__}, "
-        f"{platform.machine()}, {threads} thread(s), load {Path('/proc/loadavg').read_text().split()[0]} at the start. "
-        f"Medians of {ROUNDS} rounds in turn.",
-        "",
-    ]
-
-
-def _reach_table() -> list[str]:
-    agreed = _agreement()
-    lines = [
-        "## `Reach.accessible`, 8 x 8, B = 8192",
-        "",
-        f"Agrees with {agreed[0]} of {agreed[1]} decisions of the reference.",
-        "",
-        "| preset | plain float matmul, ms | eager, ms | compiled, ms | matmul / eager | matmul / compiled |",
-        "| --- | ---: | ---: | ---: | ---: | ---: |",
-    ]
-    occupied = torch.rand(8192, 64, generator=torch.Generator().manual_seed(0)) < 0.2
-    for preset, numbers in PRESETS.items():
-        reach = Reach(Layout.grid(8, 8, 0.12), *numbers)
-        fast = reach.compiled()
-        plain = _plain_matmul(reach)
-        if not torch.equal(plain(occupied), fast.accessible(occupied)):
-            raise SystemExit(f"{preset}: the kernels disagree")
-        taken = medians(
-            {
-                "plain": lambda plain=plain: plain(occupied),
-                "eager": lambda reach=reach: reach.accessible(occupied),
-                "compiled": lambda fast=fast: fast.accessible(occupied),
-            }
-        )
-        ms = {name: 1000 * seconds for name, seconds in taken.items()}
-        lines.append(
-            f"| {preset} | {ms['plain']:.1f} | {ms['eager']:.2f} | {ms['compiled']:.2f} | "
-            f"{ms['plain'] / ms['eager']:.1f} | {ms['plain'] / ms['compiled']:.1f} |"
-        )
-    return lines
-
-
-def _plain_matmul(reach: Reach) -> Callable[[Tensor], Tensor]:
-    """The obvious way: count the obstacles in every sector of every cell by one float matrix product."""
-    cells, sectors = reach.n_cells, reach.n_sectors
-    covers = boards.unpack(reach.blockers, cells).reshape(cells * sectors, cells).T.float().contiguous()
-    return lambda occupied: ((occupied.float() @ covers).view(-1, cells, sectors) < 0.5).any(-1)
-
-
-def _agreement() -> tuple[int, int]:
-    cases = json.loads(REFERENCE.read_text())["cases"]
+def agreement() -> tuple[int, int]:
+    """With how many decisions of the independent implementation the check agrees, and of how many."""
+    cases = json.loads(REFERENCE.read_text(encoding="utf-8"))["cases"]
     agreed = 0
     for case in cases:
         layout = Layout.grid(case["rows"], case["cols"], case["cell_m"], case["front_m"])
@@ -120,47 +66,75 @@ def _agreement() -> tuple[int, int]:
     return agreed, len(cases)
 
 
-def _env_table() -> list[str]:
+def reach_rows() -> Rows:
+    """Seconds of `Reach.accessible` on `BOARDS` boards of 8 x 8, and of the obvious way to find the same.
+
+    Raises:
+        RuntimeError: they do not find the same.
+    """
+    occupied = torch.rand(BOARDS, 64, generator=torch.Generator().manual_seed(0)) < 0.2
+    rows: Rows = []
+    for preset, numbers in PRESETS.items():
+        reach = Reach(Layout.grid(8, 8, 0.12), *numbers)
+        fast, plain = reach.compiled(), plain_matmul(reach)
+        if not torch.equal(plain(occupied), fast.accessible(occupied)):
+            raise RuntimeError(f"{preset}: the kernels disagree")
+        variants = {"matmul": plain, "eager": reach.accessible, "compiled": fast.accessible}
+        rows += [{"preset": preset, **row} for row in in_turn(variants, occupied)]
+    return rows
+
+
+def plain_matmul(reach: Reach) -> Callable[[Tensor], Tensor]:
+    """The obvious way: count the obstacles in every sector of every cell by one float matrix product."""
+    cells, sectors = reach.n_cells, reach.n_sectors
+    covers = boards.unpack(reach.blockers, cells).reshape(cells * sectors, cells).T.float().contiguous()
+    return lambda occupied: ((occupied.float() @ covers).view(-1, cells, sectors) < 0.5).any(-1)
+
+
+def in_turn(variants: Mapping[str, Callable[[Tensor], object]], given: Tensor) -> Rows:
+    """A row a round and variant, after two rounds that do not count."""
+    rows = []
+    for round_ in range(-2, ROUNDS):
+        for name, variant in variants.items():
+            began = time.perf_counter()
+            variant(given)
+            rows.append({"round": round_, "variant": name, "seconds": time.perf_counter() - began})
+    return [row for row in rows if row["round"] >= 0]
+
+
+def env_rows() -> Rows:
+    """Seconds of a step of `ENVS` boards by the bare functions, by `EnvBase.step`, and with the reset of what ended.
+
+    Half of the rounds do not count. Random legal actions on 8 x 8; choosing them is not counted.
+    """
     reach = Reach(Layout.grid(8, 8, 0.12), *PRESETS["wide_hand"])
     source = FreshInstances(reach, Difficulty(3, 13), "train", seed=0)
-    env = RearrangeEnv(reach, source, num_envs=4096, max_moves=16, rewards=Rewards(10.0, 0.0, -1.0))
+    env = RearrangeEnv(reach, source, num_envs=ENVS, max_moves=16, rewards=Rewards(10.0, 0.0, -1.0))
     generator = torch.Generator().manual_seed(0)
-    bare, stepped, whole = [], [], []
-    shown = env.reset()
-    for round_ in range(2 * ROUNDS):
-        acted = _random_legal(reach, shown, generator)
+    observed, rows = env.reset(), []
+    for round_ in range(-ROUNDS, ROUNDS):
+        acted = random_legal(reach, observed, generator)
         state = (reach, acted[keys.BOARD], acted[keys.TARGET], acted[keys.VISITED])
-        began = time.perf_counter()
+        times = [time.perf_counter()]
         moved = transition(*state, acted[keys.PICK], acted[keys.PLACE])
         legal_moves(reach, moved.board, acted[keys.TARGET], acted[keys.VISITED])
-        between = time.perf_counter()
+        times.append(time.perf_counter())
         step = env.step(acted)
-        after = time.perf_counter()
-        shown = env.maybe_reset(env.step_mdp(step))
-        if round_ >= ROUNDS:
-            bare.append(between - began)
-            stepped.append(after - between)
-            whole.append(time.perf_counter() - between)
-    rates = [4096 / statistics.median(seconds) for seconds in (bare, stepped, whole)]
-    return [
-        "## Environment steps per second, 8 x 8, 3-13 obstacles, B = 4096, random legal actions",
-        "",
-        "Bare: `rules.transition` and the next `rules.legal_moves`, no TorchRL. Choosing the actions is not counted.",
-        "",
-        "| | steps/s | of bare |",
-        "| --- | ---: | ---: |",
-        f"| bare functions | {rates[0]:,.0f} | 1.00 |",
-        f"| `EnvBase.step` | {rates[1]:,.0f} | {rates[1] / rates[0]:.2f} |",
-        f"| step and reset of finished rows | {rates[2]:,.0f} | {rates[2] / rates[0]:.2f} |",
-    ]
+        times.append(time.perf_counter())
+        observed = env.maybe_reset(env.step_mdp(step))
+        times.append(time.perf_counter())
+        for name, first, last in (("bare", 0, 1), ("step", 1, 2), ("step and reset", 1, 3)):
+            rows.append({"round": round_, "variant": name, "boards": ENVS, "seconds": times[last] - times[first]})
+    return [row for row in rows if row["round"] >= 0]
 
 
-def _random_legal(reach: Reach, shown, generator: torch.Generator):  # type: ignore[no-untyped-def]
-    pick = shown[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
-    places = legal_places(reach, shown[keys.BOARD], shown[keys.TARGET], shown[keys.VISITED], pick)
+def random_legal(reach: Reach, observed: TensorDictBase, generator: torch.Generator) -> TensorDictBase:
+    """The observation with a random legal action."""
+    pick = observed[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
+    places = legal_places(reach, observed[keys.BOARD], observed[keys.TARGET], observed[keys.VISITED], pick)
     place = places.float().multinomial(1, generator=generator).squeeze(-1)
-    return shown.set(keys.PICK, pick).set(keys.PLACE, place)
+    return observed.set(keys.PICK, pick).set(keys.PLACE, place)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

@@ -1,0 +1,81 @@
+"""What the measuring programs share: options as KEY=VALUE words, bad input as one line, configs and planners."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import hydra
+import torch
+import yaml
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from dore.app import build
+from dore.errors import ExitCode, InputError
+from dore.files import conf_dir
+from dore.planners.base import Planner
+from dore.world.reach import Reach
+
+Options = TypeVar("Options")
+
+
+def run(main: Callable[[Options], int | None], options: type[Options], words: Sequence[str] | None = None) -> int:
+    """Run a program on one torch thread; its exit code, 0 where it returns none.
+
+    Args:
+        options: a dataclass; it checks its values when it is made.
+        words: KEY=VALUE each, a list as [a,b]; those of the command line unless given.
+    """
+    words = sys.argv[1:] if words is None else words
+    path = Path(inspect.getfile(main))
+    torch.set_num_threads(1)
+    if "--help" in words:
+        defaults = OmegaConf.to_yaml(OmegaConf.structured(options))
+        print(f"{inspect.getdoc(inspect.getmodule(main))}\n\nOptions, KEY=VALUE:\n{defaults}")
+        return ExitCode.OK
+    try:
+        return main(options_of(options, words)) or ExitCode.OK
+    except (InputError, HydraException) as error:
+        print(f"{path.stem}: {' '.join(str(error).split())}", file=sys.stderr)
+        return ExitCode.BAD_INPUT
+    except KeyboardInterrupt:
+        return ExitCode.STOPPED
+
+
+def options_of(options: type[Options], words: Sequence[str]) -> Options:
+    """The options that the words give, and the defaults of the others.
+
+    Raises:
+        InputError: no such option, a value of another type, or one that the options refuse.
+    """
+    try:
+        given = OmegaConf.merge(OmegaConf.structured(options), OmegaConf.from_dotlist(list(words)))
+        return cast(Options, OmegaConf.to_object(given))
+    except (OmegaConfBaseException, yaml.YAMLError) as error:
+        key = getattr(error, "full_key", None) or " ".join(words)
+        names = ", ".join(one.name for one in fields(cast(Any, options)))
+        raise InputError(f"{key}: {str(error).splitlines()[0]}; the options are {names}") from None
+
+
+def composed(command: str, *overrides: str) -> DictConfig:
+    """The config of a command, as dore-evaluate's."""
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        return hydra.compose(command, list(overrides))
+
+
+def planners_on(layout: str, planners: Sequence[str], model: Path | None, *more: str) -> tuple[Reach, list[Planner]]:
+    """Planners as dore-evaluate makes them on a layout under wide_hand, and the reach; `more`: further overrides.
+
+    Raises:
+        InputError: no such model, or one of another layout.
+    """
+    given = [f"model={model}", *more] if model else more
+    cfg = composed("evaluate", f"layout={layout}", "reach=wide_hand", f"planner=[{','.join(planners)}]", *given)
+    reach = build.reach_of(cfg, "cpu")
+    return reach, build.planners_of(cfg, reach)
