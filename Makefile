@@ -25,7 +25,8 @@ lint: venv
 	$(BIN)/mypy
 
 bench: venv
-	$(BIN)/python scripts/bench_world.py --threads 1 --out docs/results/world.md
+	$(BIN)/python -m scripts.bench_world out=outputs/world
+	$(BIN)/dore-report study=world
 
 venv: $(VENV)/.installed
 

@@ -1,31 +1,30 @@
 """Carries out many random scenes on the simulated arm, several at a time, each in a folder of its own.
 
-python -m scripts.executions OUT [--obstacles 5,7,9] [--runs 100] [--planner guided] [--loop open] [--seed 7] ...
-What is done is skipped, so a run that was stopped goes on. The scenes are the first ones of the seed's test split
-that the planners of --solved-by have plans for. `dore-report study=execution` makes the page from the reports.
+python -m scripts.executions out=FOLDER [obstacles=[5,7,9]] [runs=100] [planner=guided] [loop=open] [seed=7] ...
+What is done is skipped, so a run that was stopped can be resumed. The scenes are the first of the seed's test split that
+all planners of solved_by have plans for. `dore-report study=execution` makes the page from the reports.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 import shutil
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import hydra
 import torch
-from omegaconf import DictConfig
 from tqdm import tqdm
 
 from dore.app import build
 from dore.app.execute import closed_loop_of, open_loop_of, setup_of
 from dore.configure import make
-from dore.errors import InputError, whole
-from dore.files import atomic_write, conf_dir
+from dore.errors import InputError, one_of, seed_of, whole
+from dore.files import ABOUT_FILE, atomic_write, commit, read_record
 from dore.planners.base import label
+from dore.report.frame import ARGUMENTS
 from dore.sim.run.execution import execute
 from dore.sim.run.setup import REPORT_NAME
 from dore.sim.scene.agent import render_backend
@@ -34,9 +33,39 @@ from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Status
 from dore.world.problem import Problem, Scene
+from scripts.program import composed, run
 
-ARGUMENTS = "arguments.json"
 _KEPT: list[Any] = []
+
+
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the executions. runs: scenes for each number of obstacles.
+
+    solved_by: the planners that must have a plan for a scene. disturbance: one of dore-execute's, or mixed: each in
+    turn. seed: of the scenes. workers: executions at a time. overrides: more of them for dore-execute.
+    """
+
+    out: Path
+    obstacles: list[int] = field(default_factory=lambda: [5, 7, 9])
+    runs: int = 100
+    planner: str = "guided"
+    solved_by: list[str] = field(default_factory=lambda: ["exact"])
+    loop: str = "open"
+    disturbance: str = "none"
+    seed: int = 7
+    workers: int = 2
+    overrides: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        for name, number in (
+            ("runs", self.runs),
+            ("workers", self.workers),
+            *(("obstacles", z) for z in self.obstacles),
+        ):
+            whole(name, number, 1)
+        seed_of("seed", self.seed)
+        one_of("loop", self.loop, Literal["open", "closed"])
 
 
 @dataclass(frozen=True)
@@ -47,87 +76,55 @@ class Job:
     scene: Scene
     folder: Path
 
+    @property
+    def done(self) -> bool:
+        """Whether it came to its end."""
+        return bool(read_record(self.folder / REPORT_NAME).get("finished"))
 
-def main(arguments: list[str] | None = None) -> None:
+
+def main(options: Options) -> None:
     """Run what is not done yet."""
-    chosen = _arguments(arguments)
-    _note_arguments(chosen)
-    jobs = [job for obstacles in chosen.obstacles for job in _jobs(chosen, obstacles)]
-    todo = [job for job in jobs if not finished(job.folder)]
-    print(f"{len(jobs) - len(todo)} of {len(jobs)} executions are done in {chosen.out}")
+    claim(options)
+    jobs = [job for obstacles in options.obstacles for job in jobs_of(options, obstacles)]
+    todo = [job for job in jobs if not job.done]
+    print(f"{len(jobs) - len(todo)} of {len(jobs)} executions are done in {options.out}")
     # Not forked: SAPIEN's renderer does not survive it.
-    begin = _keep_rendering if chosen.loop == "closed" else None
-    with multiprocessing.get_context("spawn").Pool(chosen.workers, initializer=begin) as pool:
+    begin = _keep_rendering if options.loop == "closed" else None
+    with multiprocessing.get_context("spawn").Pool(options.workers, initializer=begin) as pool:
         for _ in tqdm(pool.imap_unordered(_carry_out, todo), total=len(todo), unit="plan"):
             pass
 
 
-def _arguments(given: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder of the executions")
-    parser.add_argument("--obstacles", default="5,7,9", help="numbers of obstacles, separated by commas")
-    parser.add_argument("--runs", type=int, default=100, help="scenes for each number of obstacles")
-    parser.add_argument("--planner", default="guided", help="who plans")
-    parser.add_argument("--solved-by", default="exact", help="planners that must have a plan for a scene")
-    parser.add_argument("--candidates", type=int, help="how many scenes these are looked for in; 4 times --runs")
-    parser.add_argument("--loop", default="open", choices=["open", "closed"])
-    parser.add_argument("--disturbance", default="none", help="none, moved, slip, intruder, or mixed: each in turn")
-    parser.add_argument("--seed", type=int, default=7, help="of the scenes")
-    parser.add_argument("--workers", type=int, default=2, help="executions at a time")
-    parser.add_argument("--set", action="append", default=[], help="a further override of dore-execute")
-    chosen = parser.parse_args(given)
-    try:
-        chosen.obstacles = [whole("--obstacles", int(one), 1) for one in chosen.obstacles.split(",")]
-        whole("--runs", chosen.runs, 1)
-        whole("--workers", chosen.workers, 1)
-    except (InputError, ValueError) as error:
-        parser.error(str(error))
-    return chosen
-
-
-def _note_arguments(chosen: argparse.Namespace) -> None:
-    """What the runs are, for the page; a folder holds runs of one kind.
+def claim(options: Options) -> None:
+    """Note what the runs are, for the page; a folder holds runs of one kind.
 
     Raises:
         InputError: the folder holds others.
     """
-    kind = {name: value for name, value in vars(chosen).items() if name not in ("out", "workers", "obstacles", "runs")}
-    file = chosen.out / ARGUMENTS
-    if file.exists():
-        if json.loads(file.read_text()) != kind:
-            raise InputError(f"{chosen.out}: holds executions of another kind, {file} says which")
-        return
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    with atomic_write(file) as opened:
-        json.dump(kind, opened, indent=2)
+    kind = {name: getattr(options, name) for name in ("planner", "loop", "disturbance", "seed")}
+    kind |= {"solved_by": ", ".join(options.solved_by), "overrides": ", ".join(options.overrides)}
+    file = options.out / ARGUMENTS
+    if (known := read_record(file)) not in ({}, kind):
+        raise InputError(f"out: {options.out} holds executions of another kind ({known}), want another folder")
+    options.out.mkdir(parents=True, exist_ok=True)
+    for path, record in ((file, kind), (options.out / ABOUT_FILE, {"commit": commit()})):
+        with atomic_write(path) as opened:
+            json.dump(record, opened, indent=2)
 
 
-def finished(folder: Path) -> bool:
-    """Whether an execution came to its end there."""
-    report = folder / REPORT_NAME
-    return report.exists() and json.loads(report.read_text())["finished"]
-
-
-def composed(overrides: tuple[str, ...]) -> DictConfig:
-    """The config of dore-execute."""
-    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        return hydra.compose("execute", list(overrides))
-
-
-def _jobs(chosen: argparse.Namespace, obstacles: int) -> list[Job]:
-    kinds = ["moved", "slip", "intruder"] if chosen.disturbance == "mixed" else [chosen.disturbance]
-    scenes = solvable_scenes(
-        chosen.solved_by.split(","), obstacles, chosen.runs, chosen.candidates or 4 * chosen.runs, chosen.seed
-    )
+def jobs_of(options: Options, obstacles: int) -> list[Job]:
+    """The executions of scenes with so many obstacles."""
+    kinds = ["moved", "slip", "intruder"] if options.disturbance == "mixed" else [options.disturbance]
+    plain = (f"planner={options.planner}", f"loop={options.loop}", *options.overrides)
+    scenes = solvable_scenes(options.solved_by, obstacles, options.runs, 4 * options.runs, options.seed)
     return [
         Job(
-            (f"planner={chosen.planner}", f"loop={chosen.loop}", f"disturbance={kinds[number % len(kinds)]}",
-             f"seed={number}", *chosen.set),
+            (f"disturbance={kinds[number % len(kinds)]}", f"seed={number}", *plain),
             scene,
-            chosen.out / f"z{obstacles}" / f"{number:03d}",
+            options.out / f"z{obstacles}" / f"{number:03d}",
         )
         for number, scene in enumerate(scenes)
-    ]  # fmt: skip
+    ]
 
 
 def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates: int, seed: int) -> list[Scene]:
@@ -136,15 +133,13 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
     Raises:
         InputError: there are too few.
     """
-    reach = build.reach_of(composed(()), "cpu")
+    cfg = composed("execute", f"planner=[{','.join(planners)}]")
+    reach = build.reach_of(cfg, "cpu")
     instances = InstanceSet.generate(reach, candidates, Difficulty(obstacles, obstacles), "test", seed)
-    solved = torch.ones(len(instances), dtype=torch.bool)
-    for name in planners:
-        labels = label(instances, build.planner_of(composed((f"planner={name}",)), reach))
-        solved &= torch.tensor([status is Status.SOLVED for status in labels.status])
-    rows = solved.nonzero().squeeze(-1).tolist()[:count]
+    every = [label(instances, planner).status for planner in build.planners_of(cfg, reach)]
+    rows = [row for row, statuses in enumerate(zip(*every, strict=True)) if set(statuses) == {Status.SOLVED}][:count]
     if len(rows) < count:
-        raise InputError(f"--runs: {count}, but only {len(rows)} of {len(instances)} scenes are solved by all")
+        raise InputError(f"runs: {count}, but only {len(rows)} of {len(instances)} scenes are solved by all")
     print(f"{obstacles} obstacles: {count} of the first {rows[-1] + 1} scenes are solved by {', '.join(planners)}")
     problems = list(instances)
     return [problems[row].scene for row in rows]
@@ -152,7 +147,7 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
 
 def _keep_rendering() -> None:
     """One environment stays open in each process: without any, the next one compiles its shaders again, 10 s."""
-    cfg = composed(())
+    cfg = composed("execute")
     setup = setup_of(cfg, film=False)
     env = setup.environment(make(cfg.layout, "layout"), setup.bodies(1), render_backend())
     env.reset(options={"cells": [0]})
@@ -163,7 +158,7 @@ def _keep_rendering() -> None:
 def _carry_out(job: Job) -> None:
     """One execution, in a process of its own, on one thread."""
     torch.set_num_threads(1)
-    cfg = composed(job.overrides)
+    cfg = composed("execute", *job.overrides)
     problem = Problem(job.scene, build.reach_of(cfg, "cpu", job.scene.layout))
     shutil.rmtree(job.folder, ignore_errors=True)
     loop = (closed_loop_of if cfg.loop == "closed" else open_loop_of)(cfg, problem)
@@ -171,4 +166,4 @@ def _carry_out(job: Job) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

@@ -11,6 +11,7 @@ import pytest
 from dore.errors import InputError
 from dore.report import frame, results
 from scripts import bench_execution, executions
+from scripts.program import run
 from tests.report.fakes import study
 
 pytestmark = pytest.mark.sim
@@ -19,10 +20,15 @@ pytestmark = pytest.mark.sim
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("executions")
-    arguments = ["--obstacles", "3", "--runs", "2", "--workers", "1", "--solved-by", "straight_line,learned"]
     for planner in ("straight_line", "learned"):
-        executions.main([str(out / planner), *arguments, "--planner", planner])
+        carry_out(out, planner)
     return out
+
+
+def carry_out(out, planner, *more):
+    small = ("obstacles=[3]", "runs=2", "workers=1", "solved_by=[straight_line,learned]")
+    words = [f"out={out / planner}", *small, f"planner={planner}", *more]
+    return run(executions.main, executions.Options, words)
 
 
 def test_reports_lie_where_they_are_looked_for(folder):
@@ -38,8 +44,7 @@ def test_what_is_done_is_skipped_and_what_is_not_finished_is_not(folder, capsys)
     path = folder / "learned" / "z3" / "000" / "execution.json"
     before = json.loads(path.read_text())
     path.write_text(json.dumps({**before, "finished": False}))
-    arguments = ["--obstacles", "3", "--runs", "2", "--workers", "1", "--solved-by", "straight_line,learned"]
-    executions.main([str(folder / "learned"), *arguments, "--planner", "learned"])
+    assert carry_out(folder, "learned") == 0
     assert "1 of 2 executions are done" in capsys.readouterr().out
     again = json.loads(path.read_text())
     assert again["finished"]
@@ -68,15 +73,25 @@ def test_execution_time_compares_the_same_scenes(folder, tmp_path):
     assert (tmp_path / "execution_time.png").stat().st_size > 1000
 
 
+def test_a_folder_holds_executions_of_one_kind(folder, capsys):
+    assert carry_out(folder, "learned", "seed=8") == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "holds executions of another kind" in line
+    assert carry_out(folder, "learned", "loop=round") == 2
+    assert "loop: got 'round', want one of open, closed" in capsys.readouterr().err
+
+
 def test_too_few_scenes_are_bad_input():
-    with pytest.raises(InputError, match=r"--runs: 20, but only 10 of 10"):
+    with pytest.raises(InputError, match=r"runs: 20, but only 10 of 10"):
         executions.solvable_scenes(["exact"], 3, 20, 10, 7)
 
 
 @pytest.mark.slow
-def test_the_speed_page_is_made(tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr("sys.argv", ["bench_execution", "--plans", "1", "--out", str(tmp_path / "speed.md")])
-    bench_execution.main()
-    page = (tmp_path / "speed.md").read_text()
+def test_the_speed_page_is_made(tmp_path):
+    assert run(bench_execution.main, bench_execution.Options, [f"out={tmp_path}", "plans=1"]) == 0
+    spec, docs = study("execution_speed"), tmp_path / "docs"
+    page = results.write_page(spec, "execution_speed", tmp_path, docs).read_text(encoding="utf-8")
     assert "simulated control steps a second" in page
     assert "| inverse kinematics |" in page
+    assert "| 2 | 2 |" in page
+    assert "nan" not in page
