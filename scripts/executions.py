@@ -1,8 +1,8 @@
 """Carries out many random scenes on the simulated arm, several at a time, each in a folder of its own.
 
 python -m scripts.executions out=FOLDER [obstacles=[5,7,9]] [runs=100] [planner=guided] [loop=open] [seed=7] ...
-What is done is skipped, so a run that was stopped can be resumed. The scenes are the first of the seed's test split that
-all planners of solved_by have plans for. `dore-report study=execution` makes the page from the reports.
+What is done is skipped, so a run that was stopped can be resumed. The scenes are the first of the seed's test split
+that all planners of solved_by have plans for. `dore-report study=execution` makes the page from the reports.
 """
 
 from __future__ import annotations
