@@ -1,4 +1,4 @@
-"""Estimates with their 95 % intervals: shares, means, ratios, spreads and paired differences (scipy)."""
+"""Estimates with their 95 % intervals: shares, means, ratios and spreads (scipy)."""
 
 from __future__ import annotations
 
@@ -70,11 +70,6 @@ def ratio_of_means(values: ArrayLike, base: ArrayLike) -> Estimate:
     return Estimate(
         len(values), centre, low=centre + off.low / float(base.mean()), high=centre + off.high / float(base.mean())
     )
-
-
-def paired_difference(values: ArrayLike, base: ArrayLike) -> Estimate:
-    """The mean of value - base, pair by pair, with its t interval (the interval of the paired t test)."""
-    return sample_mean(np.asarray(values, float) - np.asarray(base, float))
 
 
 def spread(values: ArrayLike) -> Estimate:

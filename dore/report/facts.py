@@ -8,8 +8,8 @@ from typing import Any
 import pandas as pd
 
 from dore.errors import InputError
+from dore.report.expressions import chosen, names_in
 from dore.report.frame import Source, Spec
-from dore.report.sources import chosen, names_in
 
 
 def facts_of(spec: Spec, sources: Mapping[str, Source]) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-"""What runs left behind, as data frames: evaluations, trainings, executions, measurements and committed tables."""
+"""What runs left behind, as data frames: evaluations, trainings, executions, measurements, and rows kept by a page."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ class Source:
     rows: a row an instance and planner, a test of a training, or a line of a CSV file, with the names that the
     folder's pattern gives. runs: a row a folder, with everything in its config, about and done files, dotted.
     world: the columns that, with `instance`, say which problem a row is of.
-    committed: read from the tables beside the page, not from runs.
+    committed: kept beside the page, not read from runs.
     """
 
     rows: pd.DataFrame
@@ -59,19 +59,19 @@ def evaluations(root: Path, pattern: str, same: Sequence[str] = (), keep: Mappin
     Raises:
         InputError: a damaged file, or two evaluations of one world that differ in their instances.
     """
-    rows, runs = [], []
-    for folder, names in folders(root, pattern, ROWS_FILE):
-        runs.append(about_of(folder) | names)
-        mine = read_rows(folder / ROWS_FILE)
-        if mine.groupby("planner").instance.agg(frozenset).nunique() != 1:
-            planners = ", ".join(mine.planner.unique()) or "no planner"
-            raise InputError(f"{folder / ROWS_FILE}: rows of {planners}, want the same instances of each")
-        rows.append(mine.assign(folder=str(folder), **names, **_kept(runs[-1], keep)))
-    if not rows:
+    found = _source(root, pattern, ROWS_FILE, keep, lambda folder, _: _evaluation(folder))
+    if found.runs.empty:
         return Source(pd.DataFrame(columns=[*ROW_COLUMNS]))
-    every = pd.DataFrame(runs)
-    _check_same_instances(every, list(same))
-    return Source(_with_proofs(_stacked(rows), list(same)), every)
+    _check_same_instances(found.runs, list(same))
+    return Source(_with_proofs(found.rows, list(same)), found.runs)
+
+
+def _evaluation(folder: Path) -> pd.DataFrame:
+    rows = read_rows(folder / ROWS_FILE)
+    if rows.groupby("planner").instance.agg(frozenset).nunique() != 1:
+        planners = ", ".join(rows.planner.unique()) or "no planner"
+        raise InputError(f"{folder / ROWS_FILE}: rows of {planners}, want the same instances of each")
+    return rows.assign(folder=str(folder))
 
 
 def measurements(root: Path, pattern: str, keep: Mapping[str, str] | None = None) -> Source:
@@ -83,15 +83,35 @@ def measurements(root: Path, pattern: str, keep: Mapping[str, str] | None = None
     Raises:
         InputError: a damaged file.
     """
+    return _source(root, pattern, ROWS_FILE, keep, lambda folder, _: read_table(folder / ROWS_FILE, (), text=None))
+
+
+def trainings(root: Path, pattern: str) -> Source:
+    """Every training of the folders of a pattern that has ended, one row a test (IPT).
+
+    Raises:
+        InputError: a damaged file.
+    """
+    return _source(root, pattern, DONE_FILE, None, _tests)
+
+
+def _tests(folder: Path, about: Mapping[str, Any]) -> pd.DataFrame:
+    tests = read_table(folder / METRICS_FILE, ("episodes", "seconds", "success", "updates"), text=())
+    tests = tests[tests.success.notna()]
+    return tests.assign(**about, best=tests.success.max()) if len(tests) else pd.DataFrame([about])
+
+
+Read = Callable[[Path, Mapping[str, Any]], pd.DataFrame]
+
+
+def _source(root: Path, pattern: str, wanted: str, keep: Mapping[str, str] | None, read: Read) -> Source:
+    """What `read` makes of each folder of a pattern and of what is known of its run."""
     rows, runs = [], []
-    for folder, names in folders(root, pattern, ROWS_FILE):
-        runs.append(about_of(folder) | names)
-        rows.append(read_table(folder / ROWS_FILE, (), text=None).assign(**names, **_kept(runs[-1], keep)))
+    for folder, names in folders(root, pattern, wanted):
+        about = about_of(folder) | names
+        runs.append(about)
+        rows.append(read(folder, about).assign(**names, **{name: about.get(key) for name, key in (keep or {}).items()}))
     return Source(_stacked(rows), pd.DataFrame(runs))
-
-
-def _kept(about: Mapping[str, Any], keep: Mapping[str, str] | None) -> dict[str, Any]:
-    return {name: about.get(key) for name, key in (keep or {}).items()}
 
 
 def _stacked(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -117,37 +137,18 @@ def _check_same_instances(runs: pd.DataFrame, same: list[str]) -> None:
 
 def _with_proofs(rows: pd.DataFrame, same: list[str]) -> pd.DataFrame:
     """Each row with what is known of its instance: whether anyone solved it, or proved it unsolvable, the optimum."""
-    at = [*same, "instance"]
-    rows["solved"] = rows.status == "solved"
-    rows["solvable"] = rows.solved.groupby([rows[key] for key in at]).transform("any")
-    unsolvable = rows.status == "unsolvable"
-    rows["unsolvable"] = unsolvable.groupby([rows[key] for key in at]).transform("any")
-    rows["undecided"] = ~(rows.solvable | rows.unsolvable)
-    proved = rows.moves.where((rows.planner == "exact") & rows.solved).groupby([rows[key] for key in at])
-    least, most = proved.transform("min"), proved.transform("max")
-    if (least < most).any() or (rows.solvable & rows.unsolvable).any():
-        bad = rows[(least < most) | (rows.solvable & rows.unsolvable)].iloc[0]
+    rows["solved"], rows["unsolvable"] = rows.status == "solved", rows.status == "unsolvable"
+    rows["optimum"] = rows.moves.where((rows.planner == "exact") & rows.solved)
+    of_instance = rows.groupby([*same, "instance"])
+    least, most = (of_instance.optimum.transform(one) for one in ("min", "max"))
+    solvable, unsolvable = (of_instance[one].transform("any") for one in ("solved", "unsolvable"))
+    wrong = (least < most) | (solvable & unsolvable)
+    if wrong.any():
+        bad = rows[wrong].iloc[0]
         raise InputError(
             f"instance {bad.instance} of {bad[same].to_dict()}: two proofs disagree, want the same instances"
         )
-    rows["optimum"] = least
-    return rows
-
-
-def trainings(root: Path, pattern: str) -> Source:
-    """Every training of the folders of a pattern that has ended, one row a test (IPT).
-
-    Raises:
-        InputError: a damaged file.
-    """
-    rows, runs = [], []
-    for folder, names in folders(root, pattern, DONE_FILE):
-        about = about_of(folder) | names
-        runs.append(about)
-        tests = read_table(folder / METRICS_FILE, ("episodes", "seconds", "success", "updates"), text=())
-        tests = tests[tests.success.notna()]
-        rows.append(tests.assign(**about, best=tests.success.max()) if len(tests) else pd.DataFrame([about]))
-    return Source(_stacked(rows), pd.DataFrame(runs))
+    return rows.assign(solvable=solvable, unsolvable=unsolvable, undecided=~(solvable | unsolvable), optimum=least)
 
 
 def executions(root: Path, pattern: str) -> Source:
@@ -192,19 +193,19 @@ def _execution(report: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def tables(folder: Path, pattern: str) -> Source:
+def kept(folder: Path, pattern: str) -> Source:
     """CSV files, one below the other; a NAME.json beside NAME.csv gives columns that are the same in all its lines."""
     rows, runs = [], []
     for path in sorted(folder.glob(pattern)):
-        about = read_record(path.with_suffix(".json"))
         about = {
-            name: "" if value is None else value for name, value in about.items() if not isinstance(value, list | dict)
-        }
-        about["file"] = path.stem
+            name: "" if value is None else value
+            for name, value in read_record(path.with_suffix(".json")).items()
+            if not isinstance(value, list | dict)
+        } | {"file": path.stem}
         runs.append(about)
         table = read_table(path, (), text=None)
         rows.append(table.assign(**about) if len(table) else pd.DataFrame([about]))
-    return Source(_stacked(rows), pd.DataFrame(runs))
+    return Source(_stacked(rows), pd.DataFrame(runs), committed=True)
 
 
 def about_of(folder: Path) -> dict[str, Any]:

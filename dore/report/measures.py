@@ -17,6 +17,7 @@ from scipy import stats
 from dore.errors import InputError
 from dore.report import estimates
 from dore.report.estimates import Estimate
+from dore.report.expressions import numbers
 
 Measure = Callable[..., Estimate]
 
@@ -35,27 +36,9 @@ def measure_named(name: str) -> Measure:
     return found
 
 
-def numbers(rows: pd.DataFrame, of: str) -> pd.Series:
-    """One number a row: a column, or an expression over columns, as `100 * success`.
-
-    Raises:
-        InputError: no such column, or not an expression.
-    """
-    try:
-        found = rows[of] if of in rows else rows.eval(of, engine="python")
-    except (KeyError, NameError, SyntaxError, ValueError, TypeError, AttributeError) as error:
-        raise InputError(f"of: {of!r}: {' '.join(str(error).split())}") from None
-    return pd.Series(found, rows.index).astype(float)
-
-
 def percent(rows: pd.DataFrame, of: str) -> Estimate:
     """The percentage of the rows where a condition holds, with Wilson's interval."""
     return estimates.proportion(int(numbers(rows, of).sum()), len(rows)).scaled(100)
-
-
-def share(rows: pd.DataFrame, of: str) -> Estimate:
-    """As `percent`, without an interval."""
-    return Estimate(len(rows), 100 * numbers(rows, of).mean() if len(rows) else math.nan)
 
 
 def counted(rows: pd.DataFrame, of: str) -> Estimate:
@@ -107,27 +90,12 @@ def saved(rows: pd.DataFrame, of: str, to: str) -> Estimate:
 
 def difference(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     """The mean of `of` less `to`, row by row, with its t interval."""
-    return estimates.paired_difference(numbers(rows, of), numbers(rows, to))
+    return estimates.sample_mean(numbers(rows, of) - numbers(rows, to))
 
 
 def over_optimum(rows: pd.DataFrame) -> Estimate:
     """Rearrangements over the proved optimum's, on the instances that both solve."""
     return ratio(rows[rows.solved & rows.optimum.notna()], "moves", "optimum")
-
-
-def deviation(rows: pd.DataFrame, of: str) -> Estimate:
-    """The standard deviation alone."""
-    return Estimate(len(rows), float(numbers(rows, of).std()))
-
-
-def average(rows: pd.DataFrame, of: str) -> Estimate:
-    """The mean alone."""
-    return Estimate(len(rows), float(numbers(rows, of).mean()) if len(rows) else math.nan)
-
-
-def median(rows: pd.DataFrame, of: str) -> Estimate:
-    """The median alone."""
-    return Estimate(len(rows), float(numbers(rows, of).median()) if len(rows) else math.nan)
 
 
 def percentiles(rows: pd.DataFrame, of: str) -> Estimate:
@@ -159,11 +127,6 @@ def stated(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     return Estimate(mean=mean, low=2 * mean - high, high=high)
 
 
-def rms(rows: pd.DataFrame, of: str) -> Estimate:
-    """The root of the mean square; nan where a value is missing."""
-    return Estimate(len(rows), float((numbers(rows, of) ** 2).mean(skipna=False)) ** 0.5 if len(rows) else math.nan)
-
-
 def slope(rows: pd.DataFrame, of: str, to: str) -> Estimate:
     """By how much `of` grows with `to`: the slope of the least squares' line; nan where `to` is always the same."""
     return _line(rows, of, to, "slope")
@@ -179,26 +142,31 @@ def _line(rows: pd.DataFrame, of: str, to: str, what: str) -> Estimate:
     return Estimate(len(rows), float(getattr(stats.linregress(x, y), what)) if x.nunique() > 1 else math.nan)
 
 
-def total(rows: pd.DataFrame, of: str) -> Estimate:
-    """The sum."""
-    return Estimate(len(rows), float(numbers(rows, of).sum()))
-
-
 def count(rows: pd.DataFrame) -> Estimate:
     """How many rows."""
     return Estimate(len(rows), float(len(rows)))
 
 
-def first(rows: pd.DataFrame, of: str) -> Estimate:
-    """The value of the first row."""
-    return Estimate(1, float(numbers(rows, of).iloc[0]))
+def _alone(reduced: Callable[[pd.Series], float], one_row: bool = False) -> Measure:
+    """A number of all rows, without an interval; nan where there are none.
+
+    one_row: it is the value of one of the rows, and so counts as one.
+    """
+
+    def measure(rows: pd.DataFrame, of: str) -> Estimate:
+        return Estimate(1 if one_row else len(rows), float(reduced(numbers(rows, of))) if len(rows) else math.nan)
+
+    return measure
 
 
-def last(rows: pd.DataFrame, of: str) -> Estimate:
-    """The value of the last row."""
-    return Estimate(1, float(numbers(rows, of).iloc[-1]))
-
-
-def highest(rows: pd.DataFrame, of: str) -> Estimate:
-    """The highest value of any row."""
-    return Estimate(1, float(numbers(rows, of).max()))
+average, median, deviation, total = map(_alone, (pd.Series.mean, pd.Series.median, pd.Series.std, pd.Series.sum))
+"""The mean, the median, the standard deviation and the sum alone."""
+share = _alone(lambda values: 100 * values.mean())
+"""As `percent`, without an interval."""
+rms = _alone(lambda values: (values**2).mean(skipna=False) ** 0.5)
+"""The root of the mean square; nan where a value is missing."""
+first = _alone(lambda values: values.iloc[0], one_row=True)
+last = _alone(lambda values: values.iloc[-1], one_row=True)
+"""The values of the first and of the last row."""
+highest = _alone(pd.Series.max, one_row=True)
+"""The highest value of any row."""

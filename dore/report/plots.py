@@ -18,11 +18,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from dore.draw import style
 from dore.draw.style import FAINT, INK
 from dore.errors import InputError
+from dore.report.expressions import chosen, numbers
 from dore.report.frame import Source, Spec
-from dore.report.measures import numbers
 from dore.report.panels import COLOURS, finish, legend, panels
 from dore.report.row_plots import histogram, rays
-from dore.report.sources import chosen
 
 DASHES = (0, (4, 3))
 SHORT = FuncFormatter(lambda x, _: f"{x / 1e6:g}M" if x >= 1e6 else f"{x / 1e3:g}k" if x >= 1e3 else f"{x:g}")

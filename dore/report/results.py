@@ -35,10 +35,11 @@ def write_page(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
     results.mkdir(parents=True, exist_ok=True)
     if _has_runs(sources):
         folder = root or Path(spec.get("folder", "outputs"))
-        kept = {one: source for one, source in spec["sources"].items() if "kept_in" in source}
+        made = {one: source for one, source in spec["sources"].items() if not sources[one].committed}
+        kept = {one: source for one, source in made.items() if "kept_in" in source}
         for one, source in kept.items():
             with atomic_write(results / source["kept_in"]) as file:
-                source_of(one, source, folder, results).rows.to_csv(file, index=False, lineterminator="\n")
+                source_of(one, source, folder).rows.to_csv(file, index=False, lineterminator="\n")
         if not kept:
             write_cells(results / f"{name}.csv", cells)
         with atomic_write(results / f"{name}.json") as file:

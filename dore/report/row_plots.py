@@ -11,10 +11,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from dore.draw.style import INK
+from dore.report.expressions import chosen, numbers
 from dore.report.frame import Source, Spec
-from dore.report.measures import numbers
 from dore.report.panels import COLOURS, finish, legend, panels
-from dore.report.sources import chosen
 
 
 def histogram(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:

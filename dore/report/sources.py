@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import string
 from functools import partial
 from pathlib import Path
 
@@ -11,45 +10,44 @@ import pandas as pd
 from dore.errors import InputError
 from dore.files import conf_dir
 from dore.report import frame
+from dore.report.expressions import chosen, evaluated
 from dore.report.frame import Source, Spec
 from dore.report.rows import read_table
 
 RUN_SOURCES = ("evaluations", "trainings", "executions", "measurements")
-SOURCES = (*RUN_SOURCES, "tables")
-"""What a source may be made from: runs, or tables that are committed beside the page."""
+"""What a source may be made from, besides the rows that are `kept_in` a file beside the page."""
 
 
 def sources_of(spec: Spec, root: Path, results: Path) -> dict[str, Source]:
-    """The data that a study's `sources` name: runs below `root`, tables below `results`.
+    """The data that a study's `sources` name: runs below `root`, or what is kept of them in `results`.
 
     Raises:
         InputError: a source of no known kind, a damaged file, or an expression that does not fit.
     """
     found = {}
     for name, source in spec.get("sources", {}).items():
-        made = source_of(name, source, root, results)
-        committed = "tables" in source
+        made = source_of(name, source, root)
         if made.rows.empty and "kept_in" in source:
-            made, committed = frame.tables(results, source["kept_in"]), True
+            made = frame.kept(results, source["kept_in"])
         runs = made.runs
         for column, renamed in source.get("rename", {}).items():
             if column in runs:
                 runs[column] = runs[column].replace(dict(renamed))
         rows = _prepared(f"sources.{name}", source, made.rows)
-        found[name] = Source(rows, _sorted(runs, source), tuple(source.get("same", ())), committed)
+        found[name] = Source(rows, _sorted(runs, source), tuple(source.get("same", ())), made.committed)
     return found
 
 
-def source_of(name: str, source: Spec, root: Path, results: Path) -> Source:
-    """The data that one source names, as the runs left it."""
-    kinds = [kind for kind in SOURCES if kind in source]
+def source_of(name: str, source: Spec, root: Path) -> Source:
+    """The data that one source names, as the runs left it; none where it names only what is kept."""
+    kinds = [kind for kind in RUN_SOURCES if kind in source]
+    if not kinds and "kept_in" in source:
+        return Source(pd.DataFrame())
     if len(kinds) != 1:
-        raise InputError(f"sources.{name}: got {', '.join(source)}, want one of {', '.join(SOURCES)}")
+        raise InputError(f"sources.{name}: got {', '.join(source)}, want one of {', '.join(RUN_SOURCES)}")
     (kind,) = kinds
     more = {"evaluations": ("same", "keep"), "measurements": ("keep",)}.get(kind, ())
-    made: Source = getattr(frame, kind)(
-        results if kind == "tables" else root, source[kind], **{key: source[key] for key in more if key in source}
-    )
+    made: Source = getattr(frame, kind)(root, source[kind], **{key: source[key] for key in more if key in source})
     return made
 
 
@@ -100,28 +98,3 @@ def paper_table(name: str) -> pd.DataFrame:
     if name not in set(every.table):
         raise InputError(f"paper: got {name!r}, want one of {', '.join(every.table.unique())}")
     return every[every.table == name]
-
-
-def evaluated(name: str, rows: pd.DataFrame, expression: str) -> pd.Series:
-    """A value a row.
-
-    Raises:
-        InputError: an expression that does not fit the rows; `name` says whose.
-    """
-    try:
-        found: pd.Series = rows.eval(expression, engine="python")
-    except Exception as error:  # pandas passes on whatever an expression raises.
-        raise InputError(f"{name}: {expression!r}: {' '.join(str(error).split())}") from None
-    return found
-
-
-def chosen(name: str, rows: pd.DataFrame, node: Spec, key: str = "where") -> pd.DataFrame:
-    """The rows that fulfil the condition `key` of a part of a study; all of them where it has none."""
-    if key not in node or rows.empty:
-        return rows
-    return rows[evaluated(f"{name}.{key}", rows, node[key]).astype(bool)]
-
-
-def names_in(template: str) -> list[str]:
-    """The names in braces: `{size}, {planner}` has two."""
-    return [name for _, name, _, _ in string.Formatter().parse(template) if name]

@@ -12,8 +12,9 @@ from dore.errors import InputError
 from dore.report import estimates, measures
 from dore.report.cells import CELL, TEXT
 from dore.report.estimates import Estimate
+from dore.report.expressions import chosen, names_in
 from dore.report.frame import Source, Spec
-from dore.report.sources import chosen, names_in, paper_table
+from dore.report.sources import paper_table
 
 
 def cells_of(spec: Spec, sources: Mapping[str, Source]) -> pd.DataFrame:

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from dore.errors import InputError
-from dore.report.estimates import paired_difference, proportion, ratio_of_means, sample_mean, spread
+from dore.report.estimates import proportion, ratio_of_means, sample_mean, spread
 from dore.report.tables import evaluation_tables
 from tests.report.fakes import NO_PLAN, evaluation, rows_of
 
@@ -48,13 +48,6 @@ def test_ratio_interval_is_the_ratio_estimators() -> None:
     assert math.isnan(ratio_of_means([1, 2], [1, 2]).low)
     assert math.isnan(ratio_of_means([1, 2], [0, 0]).mean)
     assert math.isnan(ratio_of_means([], []).mean)
-
-
-def test_pairs_are_compared_pair_by_pair() -> None:
-    found = paired_difference([2, 3, 5, 6], [1, 3, 4, 4])
-    # The differences are 1, 0, 1, 2: mean 1, sd sqrt(2 / 3); t(3) = 3.182446.
-    assert found.mean == 1
-    assert found.high - 1 == pytest.approx(3.182446 * math.sqrt(2 / 3) / 2, rel=1e-6)
 
 
 def test_a_spread_leaves_out_what_is_missing() -> None:
