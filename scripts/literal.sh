@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Carries on the paper's runs as printed, one after the other, for MINUTES on one core at the lowest priority:
+# Makes and resumes the paper's runs as printed, one after the other, for MINUTES on one core at the lowest priority:
 #   scripts/literal.sh 150
-# Each run goes on from its checkpoint; one that has ended is skipped. docs/results/literal/NAME.csv and NAME.json say how
+# Each run is resumed from its checkpoint; one that has ended is skipped. docs/results/literal/NAME.csv and NAME.json say how
 # far each is, and `dore-report study=literal` draws docs/results/literal.md from them at any time.
 #   LITERAL_HOME: runs and checkpoints, also outside the checkout (outputs/literal). A checkpoint wants the code that wrote
 #   it: start this from a clone that stays as it is. RESULTS: the CSV files (docs/results/literal). BIN: the commands.

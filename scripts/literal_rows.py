@@ -47,8 +47,8 @@ def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     """What a run is, and its tests (IPTs).
 
     t_lim: episodes. t_lim_updates: updates in these, an estimate where each step is followed by one. copy_every:
-    updates between two copies of the targets. reading: what the run changes of the paper's preset. ending: null while
-    it runs.
+    updates between two copies of the targets. reading: what the run changes of the paper's preset. stop_reason: null
+    while it runs.
 
     Raises:
         InputError: no run folder, or a damaged one.
@@ -79,7 +79,7 @@ def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     found = {"name": folder.name, "structure": structure, "column": column, "seed": cfg.seed, "reading": reading}
     found |= {"t_lim": t_lim, "t_lim_updates": round(t_lim * ratio), "copy_every": every}
     commit, stop_reason = read_record(folder / ABOUT_FILE).get("commit"), read_done(folder).get("stop_reason")
-    return found | {"commit": commit, "ending": stop_reason}, kept
+    return found | {"commit": commit, "stop_reason": stop_reason}, kept
 
 
 if __name__ == "__main__":

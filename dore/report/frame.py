@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from dore.configure import leaves
+from dore.configure import leaves, renamed
 from dore.errors import InputError
 from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, read_done, read_record
 from dore.report.rows import ROW_COLUMNS, read_rows, read_table
@@ -209,10 +209,11 @@ def kept(folder: Path, pattern: str) -> Source:
 
 
 def about_of(folder: Path) -> dict[str, Any]:
-    """Everything that a run's own files say of it, under dotted names: config, about, done, arguments."""
+    """Everything that a run's own files say of it, under dotted names: config (its classes by today's names), about,
+    done, arguments."""
     config = folder / CONFIG_FILE
     files = {
-        "config": yaml.safe_load(config.read_text(encoding="utf-8")) if config.exists() else {},
+        "config": renamed(yaml.safe_load(config.read_text(encoding="utf-8"))) if config.exists() else {},
         "about": read_record(folder / ABOUT_FILE),
         "done": read_done(folder),
         "arguments": read_record(folder / ARGUMENTS),

@@ -106,5 +106,5 @@ def test_the_runner_stops_in_time_resumes_and_skips_what_is_done(tmp_path):
     said = start(3)
     assert said.count("== ") == 2
     about = json.loads((tmp_path / "results" / "sequential_6x6_z3-5_seed0.json").read_text())
-    assert (about["ending"], about["t_lim"], about["reading"]) == ("budget", 600, "")
+    assert (about["stop_reason"], about["t_lim"], about["reading"]) == ("budget", 600, "")
     assert "==" not in start(3)
