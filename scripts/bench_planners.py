@@ -22,7 +22,6 @@ from tqdm import tqdm
 from dore.app import build
 from dore.errors import InputError, seed_of, whole
 from dore.files import conf_dir
-from dore.planners.base import label
 from dore.report.measurements import write_measurements
 from dore.world.files import read_scene
 from dore.world.generator import Difficulty
@@ -97,11 +96,11 @@ def guided_alone(chosen: argparse.Namespace) -> Rows:
     """Part d: with the proof of each instance."""
     size = Size("8x8", Difficulty(3, 13), min(5000, chosen.limit), chosen.seed)
     (exact,), instances = world(size, ["exact"], None)
-    labels = label(instances, exact)
-    proofs = zip(labels.status, labels.optimal_moves, strict=True)
+    proofs = exact.plan(instances.batch())
     rows = _alone(size, ["guided"], chosen.guided_model)
     return [
-        row | {"proof": str(status), "optimum": optimum} for row, (status, optimum) in zip(rows, proofs, strict=True)
+        row | {"proof": str(proof.status), "optimum": proof.optimal_moves}
+        for row, proof in zip(rows, proofs, strict=True)
     ]
 
 

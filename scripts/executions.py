@@ -23,7 +23,6 @@ from dore.app.execute import closed_loop_of, open_loop_of, setup_of
 from dore.configure import make
 from dore.errors import InputError, one_of, seed_of, whole
 from dore.files import ABOUT_FILE, atomic_write, commit, read_record
-from dore.planners.base import label
 from dore.report.frame import ARGUMENTS
 from dore.sim.run.execution import execute
 from dore.sim.run.setup import REPORT_NAME
@@ -136,8 +135,9 @@ def solvable_scenes(planners: list[str], obstacles: int, count: int, candidates:
     cfg = composed("execute", f"planner=[{','.join(planners)}]")
     reach = build.reach_of(cfg, "cpu")
     instances = InstanceSet.generate(reach, candidates, Difficulty(obstacles, obstacles), "test", seed)
-    every = [label(instances, planner).status for planner in build.planners_of(cfg, reach)]
-    rows = [row for row, statuses in enumerate(zip(*every, strict=True)) if set(statuses) == {Status.SOLVED}][:count]
+    every = [planner.plan(instances.batch()) for planner in build.planners_of(cfg, reach)]
+    solved = [all(plan.status is Status.SOLVED for plan in plans) for plans in zip(*every, strict=True)]
+    rows = [row for row, by_all in enumerate(solved) if by_all][:count]
     if len(rows) < count:
         raise InputError(f"runs: {count}, but only {len(rows)} of {len(instances)} scenes are solved by all")
     print(f"{obstacles} obstacles: {count} of the first {rows[-1] + 1} scenes are solved by {', '.join(planners)}")

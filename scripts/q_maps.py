@@ -27,7 +27,6 @@ from dore.errors import InputError
 from dore.files import atomic_write
 from dore.learn.agents.sequential import Sequential
 from dore.learn.checkpoint import SHIPPED
-from dore.planners.base import label
 from dore.planners.learned import Learned
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
@@ -110,8 +109,7 @@ def maps_of(wanted: Wanted, model: Path) -> tuple[Map, Map]:
         raise InputError(f"--model: {model} has no pick and place network, want one of agent=sequential")
     difficulty = Difficulty(wanted.obstacles, wanted.obstacles)
     instances = InstanceSet.generate(reach, AMONG, difficulty, "validation", seed=0)
-    labels = label(instances, exact)
-    rows = [row for row, moves in enumerate(labels.optimal_moves) if moves == wanted.optimum]
+    rows = [row for row, plan in enumerate(exact.plan(instances.batch())) if plan.optimal_moves == wanted.optimum]
     if not rows:
         raise InputError(f"{wanted.layout}: none of {AMONG} boards needs {wanted.optimum} moves")
     return _values(reach, learned.agent, instances.batch(slice(rows[0], rows[0] + 1)))

@@ -19,7 +19,7 @@ from dore.world.board import bit, count, unpack
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import lift, pickable, placeable, retrievable
+from dore.world.rules import accessibility, lift, retrievable
 
 SMALLEST, LARGEST = 128, 1024
 """Boards expanded together: few while a solution may be near, then as many as had that f before them."""
@@ -149,7 +149,7 @@ class Search:
         """
         near = is_open & (step.blocking < budget)
         useful = _union(torch.where(near[..., None], -1, torch.where(is_open[..., None], step.corridors, 0)))
-        pick = pickable(self.reach, step.board, step.target)
+        pick = accessibility(self.reach, step.board, step.target).pick
         pick &= unpack(useful & ~self.seen.just_placed(step.place), self.reach.n_cells)
         source, cell = pick.nonzero(as_tuple=True)
         for some, picked in zip(source.split(PAIRS), cell.split(PAIRS), strict=True):
@@ -157,7 +157,7 @@ class Search:
             corridors, blocking = step.corridors[some], step.blocking[some]
             left = blocking - (bit(picked, lifted.shape[-1])[:, None] & corridors).ne(0).any(-1).long()
             useful = _places(corridors, left, is_open[some], budget)
-            place = placeable(self.reach, lifted, step.target[some])
+            place = accessibility(self.reach, lifted, step.target[some]).place
             place &= unpack(useful & ~step.board[some], self.reach.n_cells)
             pair, cell = place.nonzero(as_tuple=True)
             yield lifted[pair] | bit(cell, lifted.shape[-1]), some[pair]

@@ -1,4 +1,4 @@
-"""What a planner is, the one way from its moves to a replayed `Plan`, and labels for instances."""
+"""What a planner is, and the one way from its moves to a replayed `Plan`."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import torch
-from torch import Tensor
 
-from dore.errors import whole
-from dore.world.board import bit, unpack
-from dore.world.instances import InstanceSet, problems_of
+from dore.world.board import bit
+from dore.world.instances import problems_of
 from dore.world.plan import Move, Plan, PlanError, Status, replay
-from dore.world.problem import Batch, cell_id
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import lift
 
@@ -94,68 +92,23 @@ def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], plan
 def _directions(
     reach: Reach, start: Batch, raw_plans: Sequence[RawPlan]
 ) -> tuple[list[list[tuple[float, float]]], list[float | None]]:
-    """Each move's (pick, place) directions and the target's, degrees; step by step, all rows at once."""
+    """Each move's (pick, place) directions and the target's, degrees; step by step, all rows at once.
+
+    Where a cell is not accessible the direction is nan, which no replay accepts; None: the plan is no solution.
+    """
     board, words = start.board.clone(), start.board.shape[-1]
     target = bit(start.target, words)
     directions: list[list[tuple[float, float]]] = [[] for _ in raw_plans]
     for step in range(max((len(raw_plan.moves) for raw_plan in raw_plans), default=0)):
         rows = [row for row, raw_plan in enumerate(raw_plans) if len(raw_plan.moves) > step]
         moves = torch.tensor([raw_plans[row].moves[step] for row in rows], device=board.device)
-        where = [
-            f"instance {row + 1}: move {step + 1} ({cell_id(pick)} to {cell_id(place)})"
-            for row, (pick, place) in zip(rows, moves.tolist(), strict=True)
-        ]
-        pick, place = moves.unbind(-1)
-        lifted = lift(board[rows], pick)
-        picks = _nearest_free(reach, lifted | target[rows], pick, [f"{move}: pick" for move in where])
-        places = _nearest_free(reach, lifted | target[rows], place, [f"{move}: place" for move in where])
-        for row, degrees in zip(rows, zip(picks, places, strict=True), strict=True):
-            directions[row].append(degrees)
-        board[rows] = lifted | bit(place, words)
-    solved = [row for row, raw_plan in enumerate(raw_plans) if raw_plan.status is Status.SOLVED]
-    where = [f"instance {row + 1}: target" for row in solved]
-    found = dict(zip(solved, _nearest_free(reach, board[solved], start.target[solved], where), strict=True))
-    return directions, [found.get(row) for row in range(len(raw_plans))]
-
-
-def _nearest_free(reach: Reach, standing: Tensor, cell: Tensor, where: list[str]) -> list[float]:
-    """The approach directions, degrees, of Int64[B] cells on Int64[B, W] boards.
-
-    Raises:
-        PlanError: a cell off the board, or one without a free direction.
-    """
-    for one, name in zip(cell.tolist(), where, strict=True):
-        if not 0 <= one < reach.n_cells:
-            raise PlanError(f"{name} id {cell_id(one)}, want 1 to {reach.n_cells}")
-    blocked = ~reach.cell_accessible(standing, cell)
-    if bool(blocked.any()):
-        row = int(blocked.nonzero()[0, 0])
-        raise PlanError(f"{where[row]}: no free approach direction to cell {cell_id(int(cell[row]))}")
-    return reach.direction_deg(unpack(standing, reach.n_cells), cell).tolist()
-
-
-class Labels(NamedTuple):
-    """One entry an instance."""
-
-    status: list[Status]
-    optimal_moves: list[int | None]
-    """The proved fewest moves; None where no plan, or no proof, is known."""
-
-
-def label(instances: InstanceSet, planner: Planner, batch_size: int = 1024) -> Labels:
-    """Label a set with a planner that proves its plans, such as `Exact`.
-
-    Args:
-        batch_size: instances handed to the planner together.
-
-    Raises:
-        InputError: a batch size below 1.
-        PlanError: a plan does not replay, which is a fault of the planner.
-    """
-    step = whole("batch_size", batch_size, 1)
-    plans = [
-        plan
-        for first in range(0, len(instances), step)
-        for plan in planner.plan(instances.batch(slice(first, first + step)))
-    ]
-    return Labels([plan.status for plan in plans], [plan.optimal_moves for plan in plans])
+        lifted = lift(board[rows], moves[:, 0])
+        # The replay names a cell that is off the board.
+        pick, place = moves.clamp(0, reach.n_cells - 1).unbind(-1)
+        degrees = [reach.direction_deg(lifted | target[rows], cell).tolist() for cell in (pick, place)]
+        for row, pair in zip(rows, zip(*degrees, strict=True), strict=True):
+            directions[row].append(pair)
+        board[rows] = lifted | bit(moves[:, 1], words)
+    retrieve = reach.direction_deg(board, start.target).tolist()
+    solved = (raw_plan.status is Status.SOLVED for raw_plan in raw_plans)
+    return directions, [degrees if one else None for degrees, one in zip(retrieve, solved, strict=True)]

@@ -16,7 +16,7 @@ from dore.planners.visited_set import OutOfMemory, SeenBoards
 from dore.world.board import bit, unpack
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import lift, pickable, placeable
+from dore.world.rules import accessibility, lift
 
 MoveValues = Callable[[Tensor, Tensor, Tensor], Tensor]
 """Boards Int64[P, W], targets and picks Int64[P] -> Float[P, G], the value of placing on each cell."""
@@ -107,13 +107,13 @@ class Beam:
         """The next layer; instances that a last move solves leave the search."""
         board, row = self.seen.board[self.layer], self.seen.row[self.layer]
         self.expansions.index_add_(0, row, torch.ones_like(row))
-        pick = pickable(self.reach, board, self.target[row]) & ~unpack(
+        pick = accessibility(self.reach, board, self.target[row]).pick & ~unpack(
             self.seen.just_placed(self.layer), self.reach.n_cells
         )
         source, cell = pick.nonzero(as_tuple=True)
         row, target = row[source], self.target[row[source]]
         lifted = lift(board[source], cell)
-        place = placeable(self.reach, lifted, target) & ~unpack(board[source], self.reach.n_cells)
+        place = accessibility(self.reach, lifted, target).place & ~unpack(board[source], self.reach.n_cells)
         self._finish(place & self._opens(lifted, target), self.layer[source], cell, row)
         # Only the order of what goes on is asked of the network, which is most of the work.
         going = (self.parent[row] < 0).nonzero().squeeze(-1)

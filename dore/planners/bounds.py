@@ -49,7 +49,6 @@ class DeleteRelaxation:
     def __init__(self, reach: Reach) -> None:
         self.reach = reach
         self.sets = reach.blocking_sets.transpose(0, 1).contiguous()
-        self.bits = boards.cell_bits(reach.n_cells, reach.device).unbind(-1)
 
     def corridors_of(self, target: Tensor) -> Tensor:
         """Int64[N, D, W]: the sets of cells that must be empty for a corridor to Int64[N] targets to be free."""
@@ -114,17 +113,12 @@ class DeleteRelaxation:
         """Int64[N, W]: the boards left when accessible obstacles of `among` vanish until none is accessible."""
         target_bit = boards.bit(target, board.shape[-1])
         while bool((among != 0).any()):
-            # `rules.pickable`, restricted to the wanted ones.
-            gone = self._packed(self.reach.accessible_packed(board | target_bit)) & among
+            gone = boards.pack(self.reach.accessible_packed(board | target_bit)) & among
             if not bool((gone != 0).any()):
                 break
             board = board & ~gone
             among = among & ~gone
         return board
-
-    def _packed(self, cells: Tensor) -> Tensor:
-        """`board.pack`, without making the bits each time."""
-        return torch.stack([(cells * bits).sum(-1) for bits in self.bits], -1)
 
 
 def fewest_blocking(reach: Reach, start: Batch) -> Tensor:

@@ -15,7 +15,7 @@ from dore.world.board import bit
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import lift, pickable, placeable, retrievable
+from dore.world.rules import accessibility, lift, retrievable
 
 Node = tuple[int, ...]
 """A board's words, which the paper calls a state."""
@@ -89,9 +89,9 @@ class GraphSearch:
     def _branches(self, node: Node, target: Tensor) -> Iterator[tuple[Node, int, int, bool]]:
         """The next nodes, the move (pick, place) to each, and whether the target is accessible there."""
         board = torch.tensor([node], device=target.device)
-        for pick in pickable(self.reach, board, target).nonzero()[:, 1]:
+        for pick in accessibility(self.reach, board, target).pick.nonzero()[:, 1]:
             intermediate = lift(board, pick[None])
-            places = placeable(self.reach, intermediate, target).nonzero()[:, 1]
+            places = accessibility(self.reach, intermediate, target).place.nonzero()[:, 1]
             boards = intermediate | bit(places, len(node))
             accessible = retrievable(self.reach, boards, target.expand(len(places)))
             for next_board, place, is_goal in zip(boards.tolist(), places.tolist(), accessible.tolist(), strict=True):

@@ -13,7 +13,7 @@ from dore.learn import keys
 from dore.world.board import bit
 from dore.world.instances import FixedInstances, InstanceSet
 from dore.world.problem import Batch
-from dore.world.rules import lift, pickable, placeable
+from dore.world.rules import accessibility, lift
 
 CAPACITY = 2**18
 """Transitions kept, each in some 40 bytes."""
@@ -85,9 +85,9 @@ class InstanceMemory(ReplayBuffer):
         reach, device = self.instance.reach, self.instance.reach.device
         board = torch.tensor(self.boards, device=device)
         target = self.instance.target.expand(len(board))
-        source, cell = pickable(reach, board, target).nonzero(as_tuple=True)
+        source, cell = accessibility(reach, board, target).pick.nonzero(as_tuple=True)
         lifted = lift(board[source], cell)
-        pair, cell = placeable(reach, lifted, target[source]).nonzero(as_tuple=True)
+        pair, cell = accessibility(reach, lifted, target[source]).place.nonzero(as_tuple=True)
         after = lifted[pair] | bit(cell, lifted.shape[-1])
         return {tuple(words) for words in after.tolist()} <= self._reached.keys()
 

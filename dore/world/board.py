@@ -5,6 +5,8 @@ B denotes the batch, G the number of cells, W = ceil(G / 64) the words of a boar
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
 from torch import Tensor
 
@@ -16,16 +18,15 @@ def n_words(n_cells: int) -> int:
     return -(-n_cells // WORD)
 
 
-def cell_bits(n_cells: int, device: torch.device | str | None = None) -> Tensor:
-    """Int64[G, W]: the board that has an obstacle on cell g alone, for each g."""
-    cell = torch.arange(n_cells, device=device)
-    word = torch.arange(n_words(n_cells), device=device)
-    return torch.where((cell // WORD)[:, None] == word, (torch.ones_like(cell) << (cell % WORD))[:, None], 0)
+@cache
+def _bits(device: torch.device) -> Tensor:
+    """Int64[64]: each bit of a word."""
+    return torch.ones((), dtype=torch.int64, device=device) << torch.arange(WORD, device=device)
 
 
 def pack(occupied: Tensor) -> Tensor:
     """Bool[..., G] -> Int64[..., W]."""
-    bits = torch.ones((), dtype=torch.int64, device=occupied.device) << torch.arange(WORD, device=occupied.device)
+    bits = _bits(occupied.device)
     words = [(part * bits[: part.shape[-1]]).sum(-1) for part in occupied.split(WORD, -1)]
     return torch.stack(words, -1)
 

@@ -136,6 +136,8 @@ def _check_corridor(problem: Problem, cell: int, direction_deg: float, others: s
     layout, reach = problem.scene.layout, problem.reach
     cells, r = layout.cells, reach.clearance_m
     x, y = cells[cell]
+    if math.isnan(direction_deg):
+        raise PlanError(f"{where}: no free approach direction to cell {cell_id(cell)}")
     if not abs(direction_deg) <= reach.half_fan_deg + 1e-6:
         raise PlanError(f"{where} direction {direction_deg:g} deg, want within +-{reach.half_fan_deg:g}")
     yaw = math.atan2(y, x) + math.radians(direction_deg)

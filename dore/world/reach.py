@@ -6,8 +6,8 @@ that block it, and a sector is free when the board and that set do not meet.
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -84,7 +84,6 @@ class Reach:
         self.blocking_sets = self._undominated()
         self.blocking_cells = boards.unpack(self.blocking_sets, self.n_cells)
         self._reachable = self.allowed_sectors.any(-1)
-        self._kernel: Callable[[Tensor, Tensor, Tensor], Tensor] = _free
 
     @property
     def n_cells(self) -> int:
@@ -103,21 +102,10 @@ class Reach:
 
     def to(self, device: torch.device | str) -> Reach:
         """The same reach with its table on `device`."""
-        moved = object.__new__(Reach)
-        moved.__dict__.update(self.__dict__)
-        for name in ("sectors_deg", "allowed_sectors", "blockers", "blocking_sets", "blocking_cells", "_reachable"):
-            setattr(moved, name, getattr(self, name).to(device))
-        moved.mirror = None if self.mirror is None else self.mirror.to(device)
+        moved = copy.copy(self)
+        tensors = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
+        vars(moved).update(tensors)
         return moved
-
-    def compiled(self) -> Reach:
-        """The same reach with its kernel compiled, for programs that check many boards.
-
-        The first call takes seconds. On some processors the eager kernel is as fast: see scripts/bench_world.py."""
-        fast = object.__new__(Reach)
-        fast.__dict__.update(self.__dict__)
-        fast._kernel = torch.compile(_free, dynamic=False)
-        return fast
 
     def accessible(self, occupied: Tensor) -> Tensor:
         """Which cells a hand can get to, each cell judged with itself taken off the board.
@@ -136,8 +124,15 @@ class Reach:
         return self.accessible_packed(boards.pack(occupied))
 
     def accessible_packed(self, board: Tensor) -> Tensor:
-        """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]."""
-        return self._kernel(board, self.blocking_sets, self._reachable)
+        """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]; a loop over D, so no (B, G, D) temporary."""
+        words = [word[:, None] for word in board.unbind(-1)]
+        free = torch.zeros(len(board), self.n_cells, dtype=torch.bool, device=board.device)
+        for mask in self.blocking_sets.unbind(0):
+            blocked = words[0] & mask[:, 0]
+            for w, word in enumerate(words[1:], 1):
+                blocked = blocked | (word & mask[:, w])
+            free |= blocked == 0
+        return free & self._reachable
 
     def cell_accessible(self, board: Tensor, cell: Tensor) -> Tensor:
         """`accessible` of one cell a board: Int64[B, W], Int64[B] -> Bool[B]."""
@@ -149,25 +144,20 @@ class Reach:
         blocked = ((board[:, None] & self.blockers[cell]) != 0).any(-1)
         return ~blocked & self.allowed_sectors[cell]
 
-    def direction_deg(self, occupied: Tensor, cell: Tensor) -> Tensor:
+    def direction_deg(self, board: Tensor, cell: Tensor) -> Tensor:
         """The approach direction: the free sector nearest 0 degrees, the clockwise one of two as near.
 
         Args:
-            occupied: Bool[B, G].
+            board: Int64[B, W].
             cell: Int64[B]; the cell itself does not block itself.
 
         Returns:
-            Float64[B], degrees about the direction from the cell to the base, counter-clockwise.
-
-        Raises:
-            InputError: a cell that is not accessible.
+            Float64[B], degrees about the direction from the cell to the base, counter-clockwise; nan for a cell that
+            is not accessible.
         """
-        free = self.free_sectors(boards.pack(occupied), cell)
-        if not bool(free.any(-1).all()):
-            row = int((~free.any(-1)).nonzero()[0, 0])
-            raise InputError(f"cell {int(cell[row]) + 1} of board {row}: no free approach direction")
+        free = self.free_sectors(board, cell)
         from_zero = torch.where(free, self.sectors_deg.abs(), math.inf)
-        return self.sectors_deg[from_zero.argmin(-1)]
+        return self.sectors_deg[from_zero.argmin(-1)].masked_fill(~free.any(-1), math.nan)
 
     def to_dict(self) -> dict[str, Any]:
         """The parameters as plan files and model files hold them."""
@@ -228,15 +218,3 @@ class Reach:
             kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
         most = max(len(sets) for sets in kept)
         return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept], 1)
-
-
-def _free(board: Tensor, masks: Tensor, reachable: Tensor) -> Tensor:
-    """Bool[B, G] from Int64[B, W], Int64[D, G, W], Bool[G]; a loop over D, so no (B, G, D) temporary."""
-    words = [word[:, None] for word in board.unbind(-1)]
-    free = torch.zeros(len(board), masks.shape[1], dtype=torch.bool, device=board.device)
-    for mask in masks.unbind(0):
-        blocked = words[0] & mask[:, 0]
-        for w, word in enumerate(words[1:], 1):
-            blocked = blocked | (word & mask[:, w])
-        free |= blocked == 0
-    return free & reachable

@@ -32,7 +32,7 @@ class Failure(IntEnum):
     """The move was fine, but no move is left (not in the paper, where such an episode fails a move later)."""
 
 
-class Outcome(NamedTuple):
+class MoveResult(NamedTuple):
     """What a move did."""
 
     board: Tensor
@@ -70,21 +70,11 @@ class Accessibility(NamedTuple):
 
 def accessibility(reach: Reach, board: Tensor, target: Tensor) -> Accessibility:
     """Both masks of Int64[B, W] boards, and whether their Int64[B] targets are accessible."""
-    standing = board | bit(target, board.shape[-1])
-    free = reach.accessible_packed(standing)
-    obstacles, taken = unpack(board, reach.n_cells), unpack(standing, reach.n_cells)
-    return Accessibility(free & obstacles, free & ~taken, free.gather(-1, target[:, None]).squeeze(-1))
-
-
-def pickable(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
-    """Bool[B, G]: m_p, eq. 11-12: an obstacle stands there and the hand can get to it."""
-    return reach.accessible_packed(board | bit(target, board.shape[-1])) & unpack(board, reach.n_cells)
-
-
-def placeable(reach: Reach, lifted: Tensor, target: Tensor) -> Tensor:
-    """Bool[B, G]: m_l, eq. 16-17, of a board whose picked obstacle is off: empty and in the hand's reach."""
-    standing = lifted | bit(target, lifted.shape[-1])
-    return reach.accessible_packed(standing) & ~unpack(standing, reach.n_cells)
+    free = reach.accessible_packed(board | bit(target, board.shape[-1]))
+    obstacles, cell = unpack(board, reach.n_cells), target[:, None]
+    return Accessibility(
+        free & obstacles, (free & ~obstacles).scatter_(-1, cell, False), free.gather(-1, cell).squeeze(-1)
+    )
 
 
 def retrievable(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
@@ -98,18 +88,17 @@ def lift(board: Tensor, pick: Tensor) -> Tensor:
 
 
 def legal_places(reach: Reach, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor) -> Tensor:
-    """Bool[B, G]: where the obstacle on `pick` may go: `placeable`, and not back to a visited board.
+    """Bool[B, G]: where the obstacle on `pick` may go: m_l, and not back to a visited board.
 
     visited: Int64[B, T, W], the episode's boards, the present one included.
     """
     lifted = lift(board, pick)
-    return placeable(reach, lifted, target) & ~going_back(lifted, visited, reach.n_cells)
+    return accessibility(reach, lifted, target).place & ~going_back(lifted, visited, reach.n_cells)
 
 
 def going_back(lifted: Tensor, visited: Tensor, n_cells: int) -> Tensor:
     """Bool[B, G]: cells on which the lifted obstacle would make a board that was visited before."""
-    change = visited ^ lifted[:, None]
-    return unpack(_any_of(torch.where(_one_bit(change)[..., None], change, 0)), n_cells)
+    return unpack(_single_cells(visited ^ lifted[:, None]), n_cells)
 
 
 def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) -> LegalMoves:
@@ -118,14 +107,9 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
     A cell that is open before the lift stays open after it, so such a cell proves every pick; only the rare
     rows without one are checked pick by pick.
     """
-    n_cells = reach.n_cells
-    standing = board | bit(target, board.shape[-1])
-    free = reach.accessible_packed(standing)
-    in_reach = free & unpack(board, n_cells)
-    pick = in_reach.clone()
-    added = visited & ~board[:, None]
-    back = _any_of(torch.where(_one_bit(added)[..., None], added, 0))
-    place = free & ~unpack(standing | back, n_cells)
+    pickable, open_before, solved = accessibility(reach, board, target)
+    pick = pickable.clone()
+    place = open_before & ~unpack(_single_cells(visited & ~board[:, None]), reach.n_cells)
     doubtful = (pick.any(-1) & ~place.any(-1)).nonzero().squeeze(-1)
     if doubtful.numel():
         row, cell = pick[doubtful].nonzero(as_tuple=True)
@@ -133,8 +117,7 @@ def legal_moves(reach: Reach, board: Tensor, target: Tensor, visited: Tensor) ->
         places = legal_places(reach, board[source], target[source], visited[source], cell)
         pick[source, cell] = places.any(-1)
         place[doubtful] = torch.zeros_like(place[doubtful]).index_put((row,), places, accumulate=True)
-    solved = free.gather(-1, target[:, None]).squeeze(-1)
-    return LegalMoves(pick, place, solved, in_reach)
+    return LegalMoves(pick, place, solved, pickable)
 
 
 def has_move(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
@@ -149,20 +132,20 @@ def transition(
     visited: Tensor,
     pick: Tensor,
     place: Tensor,
-    can_pick: Tensor | None = None,
-) -> Outcome:
+    pickable: Tensor | None = None,
+) -> MoveResult:
     """One pick-and-place a row; a refused move changes nothing (paper, section 5.1).
 
     Args:
         board: Int64[B, W]; target, pick, place: Int64[B] cells; visited: Int64[B, T, W].
-        can_pick: Bool[B, G], `pickable` of these boards where it is known; else the picked cells are checked.
+        pickable: Bool[B, G], m_p of these boards where it is known; else the picked cells alone are checked.
     """
     words = board.shape[-1]
     target_bit, place_bit = bit(target, words), bit(place, words)
-    if can_pick is None:
+    if pickable is None:
         pick_ok = contains(board, pick) & reach.cell_accessible(board | target_bit, pick)
     else:
-        pick_ok = can_pick.gather(-1, pick[:, None]).squeeze(-1)
+        pick_ok = pickable.gather(-1, pick[:, None]).squeeze(-1)
     lifted = lift(board, pick)
     standing = lifted | target_bit
     place_ok = ~contains(standing, place) & reach.cell_accessible(standing, place)
@@ -172,17 +155,17 @@ def transition(
     failure = torch.where((failure == 0) & again, int(Failure.GO_BACK), failure)
     accepted = failure == 0
     opened = pick_ok & reach.cell_accessible(lifted, target)
-    return Outcome(torch.where(accepted[:, None], moved, board), failure, opened)
+    return MoveResult(torch.where(accepted[:, None], moved, board), failure, opened)
 
 
-def _one_bit(words: Tensor) -> Tensor:
-    """Bool[...]: whether exactly one bit of Int64[..., W] is set."""
+def _single_cells(words: Tensor) -> Tensor:
+    """Int64[B, W]: the union over T of those Int64[B, T, W] boards that have exactly one cell set.
+
+    By halves, because torch has no bitwise reduction.
+    """
     power_of_two = (words != 0) & ((words & (words - 1)) == 0)
-    return power_of_two.any(-1) & ((words != 0).sum(-1) == 1)
-
-
-def _any_of(words: Tensor) -> Tensor:
-    """Int64[B, W]: the union of Int64[B, T, W] over T, by halves (torch has no bitwise reduction)."""
+    single = power_of_two.any(-1) & ((words != 0).sum(-1) == 1)
+    words = torch.where(single[..., None], words, 0)
     while words.shape[1] > 1:
         half = words.shape[1] // 2
         union = words[:, :half] | words[:, half : 2 * half]

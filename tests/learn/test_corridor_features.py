@@ -11,7 +11,7 @@ from dore.world.board import bit, pack, unpack
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import placeable
+from dore.world.rules import accessibility
 from tests.drawings import cells_of, scene_of, wide_hand
 
 
@@ -112,7 +112,7 @@ def test_a_row_is_what_it_is_alone_and_shapes_fit():
     assert planes[:, : 4 * LEVELS].unflatten(1, (4, LEVELS)).sum(2).eq(1).all(), "one level of each cost"
     alone = torch.cat([corridor_planes(reach, board[row, None], target[row, None]) for row in range(20)])
     assert torch.equal(planes, alone)
-    mask = placeable(reach, board, target)
+    mask = accessibility(reach, board, target).place
     assert encode(reach, board, target, mask, "lanes").shape[1] == n_planes("lanes", with_mask=True)
 
 

@@ -13,7 +13,7 @@ from dore.learn.networks import CellNet
 from dore.learn.rollout import greedy_rollout
 from dore.planners.learned import Learned
 from dore.world.generator import Difficulty, FreshInstances
-from dore.world.rules import placeable
+from dore.world.rules import accessibility
 from tests.drawings import wide_hand
 from tests.worlds import make_agent
 
@@ -62,7 +62,7 @@ def test_the_greedy_place_is_the_most_valued_one(kind):
     board, target, pick = batch.board[moved], batch.target[moved], played.pick[moved, 0]
     values = agent.move_values(board, target, pick)
     lifted = board & ~(torch.ones_like(pick) << pick)[:, None]
-    open_ = placeable(reach, lifted, target).scatter(1, pick[:, None], False)
+    open_ = accessibility(reach, lifted, target).place.scatter(1, pick[:, None], False)
     assert torch.equal(values.masked_fill(~open_, -torch.inf).argmax(-1), played.place[moved, 0])
 
 

@@ -16,7 +16,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dore.errors import InputError
-from dore.planners.base import label
 from dore.planners.exact import Exact
 from dore.world.board import pack
 from dore.world.generator import Difficulty
@@ -234,12 +233,3 @@ def test_any_scene_gives_a_valid_plan_or_an_honest_refusal(data: st.DataObject) 
     (problem,) = problems_of(reach, batch)
     replay(problem, plan)
     assert (plan.status is Status.SOLVED) == (plan.optimal_moves is not None) == (plan.reason == "")
-
-
-def test_labels() -> None:
-    reach = wide_hand(3, 6)
-    instances = InstanceSet.generate(reach, 60, Difficulty(8, 12), "test", seed=3)
-    labels = label(instances, exact(reach, max_nodes=50), batch_size=25)
-    plans = exact(reach, max_nodes=50).plan(instances.batch())
-    assert labels.optimal_moves == [p.optimal_moves for p in plans]
-    assert list(labels.status) == [plan.status for plan in plans]

@@ -185,7 +185,7 @@ BLOCKED = """
         ([(7, 7)], Status.GAVE_UP, r"move 1 \(8 to 8\): goes back"),
         ([(7, 0), (0, 10)], Status.GAVE_UP, r"move 2 \(1 to 11\): cell 11 is not empty"),
         ([(7, 0), (0, 12)], Status.GAVE_UP, r"move 2 \(1 to 13\): place id 13, want 1 to 12"),
-        ([(-1, 0)], Status.GAVE_UP, r"move 1 \(0 to 1\): pick id 0, want 1 to 12"),
+        ([(-1, 0)], Status.GAVE_UP, r"move 1 \(0 to 1\): no obstacle on cell 0"),
     ],
 )
 def test_a_draft_that_breaks_a_rule_is_refused_by_name(moves: list[tuple[int, int]], status: Status, why: str) -> None:
@@ -203,8 +203,7 @@ def test_directions_are_those_of_reach() -> None:
     reach = Reach(scene.layout, **PUBLISHED)  # type: ignore[arg-type]
     raw_plan = RawPlan([(7, 1)], Status.GAVE_UP, 0.5, expansions=3, reason="why")
     (plan,) = checked_plans(reach, Batch.of(Problem(scene, reach)), [raw_plan], "p")
-    lifted = torch.zeros(1, 12, dtype=torch.bool)
-    lifted[0, 10] = True
+    lifted = Batch.of(Problem(Scene(scene.layout, (10,), 0), reach)).board
     (move,) = plan.moves
     assert move.pick_direction_deg == reach.direction_deg(lifted, torch.tensor([7])).item()
     assert move.place_direction_deg == reach.direction_deg(lifted, torch.tensor([1])).item()

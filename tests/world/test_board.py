@@ -30,7 +30,6 @@ def test_single_cells(n_cells: int) -> None:
     cell = torch.arange(n_cells)
     one = boards.bit(cell, boards.n_words(n_cells))
     assert torch.equal(boards.unpack(one, n_cells), torch.eye(n_cells, dtype=torch.bool))
-    assert torch.equal(one, boards.cell_bits(n_cells))
     assert bool(boards.contains(one, cell).all())
     if n_cells > 1:
         assert not bool(boards.contains(one, cell.roll(1)).any())

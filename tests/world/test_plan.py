@@ -27,9 +27,8 @@ def directed(reach: Reach, scene: Scene, moves: list[tuple[int, int]], status: S
     nearest = reach.sectors_deg[reach.sectors_deg.abs().argmin()].item()
 
     def direction(standing: set[int], cell: int) -> float:
-        occupied = torch.tensor([[k in standing for k in range(reach.n_cells)]])
-        free = reach.free_sectors(pack(occupied), torch.tensor([cell])).any()
-        return reach.direction_deg(occupied, torch.tensor([cell])).item() if free else nearest
+        board = pack(torch.tensor([[k in standing for k in range(reach.n_cells)]]))
+        return reach.direction_deg(board, torch.tensor([cell])).nan_to_num(nearest).item()
 
     standing, done = set(scene.obstacles), []
     for pick, place in moves:
@@ -80,7 +79,10 @@ def altered(number: int, **changes: float) -> Plan:
             r"move 1 \(16 to 16\): goes back to an earlier board",
         ),
         (altered(1, pick_direction_deg=31.0), r"move 1 \(16 to 18\): pick direction 31 deg, want within \+-30"),
-        (altered(1, pick_direction_deg=float("nan")), r"move 1 \(16 to 18\): pick direction nan"),
+        (
+            altered(1, pick_direction_deg=float("nan")),
+            r"move 1 \(16 to 18\): pick: no free approach direction",
+        ),
         (altered(2, place_direction_deg=-40.0), r"move 2 \(3 to 12\): place direction -40 deg"),
         (
             altered(1, pick_direction_deg=-20.0),

@@ -12,12 +12,11 @@ from dore.world.board import bit, count, pack, same, unpack
 from dore.world.reach import Reach
 from dore.world.rules import (
     Failure,
+    accessibility,
     has_move,
     legal_moves,
     legal_places,
     lift,
-    pickable,
-    placeable,
     retrievable,
     transition,
 )
@@ -101,7 +100,7 @@ def test_dense_boards_reach_the_rare_branch() -> None:
     board, target = random_boards(400, seed=1, dense=True)
     standing = board | bit(target, 1)
     before = REACH.accessible_packed(standing) & ~unpack(standing, G)
-    rare = pickable(REACH, board, target).any(-1) & ~before.any(-1)
+    rare = accessibility(REACH, board, target).pick.any(-1) & ~before.any(-1)
     assert int(rare.sum()) > 20
     assert bool(legal_moves(REACH, board, target, board[:, None]).pick[rare].any())
 
@@ -215,7 +214,7 @@ def test_opened_says_whether_the_lift_alone_freed_the_target() -> None:
     for pick in range(G):
         cell = torch.full_like(target, pick)
         opened = transition(REACH, board, target, board[:, None], cell, cell).opened
-        expected = pickable(REACH, board, target)[:, pick] & retrievable(REACH, lift(board, cell), target)
+        expected = accessibility(REACH, board, target).pick[:, pick] & retrievable(REACH, lift(board, cell), target)
         assert torch.equal(opened, expected)
 
 
@@ -225,8 +224,8 @@ def test_batch_equals_rows_one_by_one(rows: int, cols: int) -> None:
     reach = wide_hand(rows, cols)
     board, target = random_boards(24, seed=rows, reach=reach, dense=rows == 4)
     board, visited = history(reach, board, target, 1, seed=2)
-    pick = pickable(reach, board, target).float().argmax(-1)
-    place = placeable(reach, lift(board, pick), target).float().argmax(-1)
+    pick = accessibility(reach, board, target).pick.float().argmax(-1)
+    place = accessibility(reach, lift(board, pick), target).place.float().argmax(-1)
     together = [
         *transition(reach, board, target, visited, pick, place),
         *legal_moves(reach, board, target, visited),

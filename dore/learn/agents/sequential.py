@@ -19,7 +19,7 @@ from dore.learn.networks import NetworkFactory
 from dore.learn.q_loss import MaskMode, masked
 from dore.world.episode import Episodes
 from dore.world.reach import Reach
-from dore.world.rules import accessibility, going_back, lift, pickable, placeable
+from dore.world.rules import accessibility, going_back, lift
 
 _SEEN_PICK, _SEEN_PLACE = ("pick", keys.OBSERVATION), ("place", keys.OBSERVATION)
 
@@ -130,14 +130,14 @@ class Sequential:
 
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
         """Float[N, G]: Q_p of each cell on Int64[N, W] boards; of one that cannot be picked it means nothing."""
-        mask = pickable(self.reach, board, target)
+        mask = accessibility(self.reach, board, target).pick
         values: Tensor = self.networks["pick"](encode(self.reach, board, target, mask, self.encoding))[0]
         return values
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: Q_l of each cell for the obstacle on Int64[N] cells of Int64[N, W] boards, once it is lifted."""
         lifted = lift(board, pick)
-        mask = placeable(self.reach, lifted, target)
+        mask = accessibility(self.reach, lifted, target).place
         values: Tensor = self.networks["place"](encode(self.reach, lifted, target, mask, self.encoding))[0]
         return values
 
@@ -189,7 +189,7 @@ class Sequential:
     def _see_place(self, board: Tensor, target: Tensor, visited: Tensor, pick: Tensor) -> tuple[Tensor, Tensor]:
         """The place network's observation [s', m_l] after the lift, and what it may choose."""
         lifted = lift(board, pick)
-        mask = placeable(self.reach, lifted, target)
+        mask = accessibility(self.reach, lifted, target).place
         seen = encode(self.reach, lifted, target, mask, self.encoding)
         if self.mask_mode == "legal":
             mask = mask & ~going_back(lifted, visited, self.reach.n_cells)
