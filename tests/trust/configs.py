@@ -140,12 +140,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=COMMANDS)
     parser.add_argument("--keys", default="", help="only keys that begin so")
+    parser.add_argument("--every", type=int, default=1, help="only every so manieth case")
     given = parser.parse_args()
     torch.set_num_threads(1)
     for command in given.commands:
         import_module(f"dore.app.{command}")
     keys = {command: [key for key in keys_of(command) if key.startswith(given.keys)] for command in given.commands}
-    cases = [Case(command, key, value) for command in keys for key in keys[command] for value in VALUES]
+    cases = [Case(command, key, value) for command in keys for key in keys[command] for value in VALUES][:: given.every]
     with tempfile.TemporaryDirectory() as folder:
         done = [run_case(case, Path(folder)) for case in tqdm(cases, unit="case", mininterval=10.0)]
     write_measurements(given.folder, [asdict(case) for case in done], seed=0)

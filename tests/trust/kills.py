@@ -46,6 +46,7 @@ class Trial:
 
     command: str
     kind: str
+    times: int = 1
     lost: int = 0
     wrong: int = 0
     message: str = ""
@@ -132,7 +133,7 @@ def killed_trainings(home: Path, kills: int, random_: random.Random) -> Iterator
             here += 1
             if (folder / "checkpoint.pt").exists():
                 load_checkpoint(folder / "checkpoint.pt")
-        trial = checked(Trial("train", f"{here} kills", message=said), lambda folder=folder: faults(folder))  # type: ignore[misc]
+        trial = checked(Trial("train", "killed", here, message=said), lambda folder=folder: faults(folder))  # type: ignore[misc]
         trial.wrong += code != 0
         done += max(here, 1)
         yield trial
@@ -153,7 +154,7 @@ def killed_evaluations(home: Path, kills: int, random_: random.Random) -> Iterat
             else:
                 process = start("evaluate", *EVALUATE, f"run_dir={folder}", cwd=home)
         code, said = finish(process) if process.poll() is None else (process.returncode, "")
-        trial = Trial("evaluate", f"{here} kills", wrong=int(code != 0), message=said)
+        trial = Trial("evaluate", "killed", here, wrong=int(code != 0), message=said)
 
         def faults(folder: str = folder) -> list[str]:
             read_rows(home / folder / "rows.csv")
@@ -178,7 +179,7 @@ def killed_sweeps(home: Path, kills: int, random_: random.Random) -> Iterator[Tr
         ended = [folder for folder in folders if read_record(folder / "done.json")]
         return [] if len(ended) == 2 else [f"{len(ended)} of 2 jobs ended"]
 
-    yield checked(Trial("sweep", f"{here} kills", wrong=int(code != 0), message=said), faults)
+    yield checked(Trial("sweep", "killed", here, wrong=int(code != 0), message=said), faults)
 
 
 def killed_executions(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
@@ -187,7 +188,7 @@ def killed_executions(home: Path, kills: int, random_: random.Random) -> Iterato
     for number in range(kills):
         process = start("execute", plan, *EXECUTE, f"run_dir=run{number}", cwd=home)
         killed = kill(process, random_.uniform(4.0, 14.0))
-        trial = Trial("execute", "killed" if killed else "done before")
+        trial = Trial("execute", "killed", int(killed))
 
         def faults(number: int = number) -> list[str]:
             read_record(home / f"run{number}" / "execution.json")
@@ -195,7 +196,7 @@ def killed_executions(home: Path, kills: int, random_: random.Random) -> Iterato
 
         yield checked(trial, faults)
     code, said = finish(start("execute", plan, *EXECUTE, "run_dir=last", cwd=home))
-    yield Trial("execute", "after the kills", wrong=int(code != 0), message=said)
+    yield Trial("execute", "started after these", wrong=int(code != 0), message=said)
 
 
 def double_starts(home: Path, starts: int) -> Iterator[Trial]:
