@@ -51,7 +51,14 @@ def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
 
 
 def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:
-    """The planners that the config names."""
+    """The planners that the config names.
+
+    Raises:
+        InputError: it names none, or its section `planners` is a value.
+    """
+    check_sections(cfg, "planners")
+    if not cfg.planners:
+        raise InputError("planners: got none, want one or more (planner=NAME)")
     return [make(node, f"planner {name}", reach=reach) for name, node in cfg.planners.items()]
 
 
