@@ -130,7 +130,7 @@ def env_rows() -> Rows:
 
 def random_legal(reach: Reach, observed: TensorDictBase, generator: torch.Generator) -> TensorDictBase:
     """The observation with a random legal action."""
-    pick = observed[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
+    pick = observed[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
     places = legal_places(reach, observed[keys.BOARD], observed[keys.TARGET], observed[keys.VISITED], pick)
     place = places.float().multinomial(1, generator=generator).squeeze(-1)
     return observed.set(keys.PICK, pick).set(keys.PLACE, place)

@@ -45,7 +45,7 @@ class RearrangeEnv(EnvBase):
     """Pick an obstacle and place it elsewhere until the target is accessible (paper, sections 4 and 5).
 
     Observation: board Int64[B, W], target Int64[B], visited Int64[B, T, W], failure Int64[B], and Bool[B, G] masks of
-        the picks: (pick, mask), the legal ones, and (pick, accessible), m_p.
+        the picks: (pick, legal), the legal ones, and (pick, accessible), m_p.
     Action: (pick, action) and (place, action), Int64[B] cells. Illegal ones are allowed in: they end the
         episode, as in the paper.
     Reward: (place, reward) Float[B, 1], of the whole move: r_p if the target is accessible, r_n for a failure
@@ -97,7 +97,7 @@ class RearrangeEnv(EnvBase):
                 keys.TARGET: Bounded(0, cells - 1, shape=(n,), dtype=torch.int64),
                 keys.VISITED: words_of(self.max_moves + 1, words),
                 keys.FAILURE: Bounded(0, max(Failure), shape=(n,), dtype=torch.int64),
-                "pick": Composite(mask=mask(), accessible=mask(), shape=(n,)),
+                "pick": Composite(legal=mask(), accessible=mask(), shape=(n,)),
             },
             shape=(n,),
             device=device,
@@ -192,7 +192,7 @@ class RearrangeEnv(EnvBase):
             keys.VISITED: episodes.visited.clone(),
             keys.FAILURE: episodes.failure.clone(),
         }
-        heads = {"pick": {"mask": episodes.legal.pick.clone(), "accessible": episodes.legal.pickable.clone()}}
+        heads = {"pick": {"legal": episodes.legal.pick.clone(), "accessible": episodes.legal.pickable.clone()}}
         for head, reward in rewards.items():
             heads.setdefault(head, {})["reward"] = reward[:, None]
         ends = {name: flag[:, None] for name, flag in flags.items()}

@@ -38,6 +38,17 @@ def n_planes(encoding: Encoding, with_mask: bool) -> int:
     return {"state": 1, "planes": 2, "lanes": 2 + N_PLANES}[encoding] + with_mask
 
 
+def mirrored_by_chance(
+    reach: Reach, board_list: list[Tensor], cell_list: list[Tensor]
+) -> tuple[list[Tensor], list[Tensor]]:
+    """Boards Int64[B, W] and cells Int64[B] with about half of the rows mirrored: the same problems again."""
+    rows = torch.rand(len(board_list[0]), device=reach.device) < 0.5
+    return (
+        [torch.where(rows[:, None], mirrored_board(board, reach), board) for board in board_list],
+        [torch.where(rows, mirrored_cell(cell, reach), cell) for cell in cell_list],
+    )
+
+
 def mirrored_board(board: Tensor, reach: Reach) -> Tensor:
     """Int64[B, W]: each board mirrored about the robot's x axis; the layout must have a mirror."""
     return boards.pack(boards.unpack(board, reach.n_cells)[..., _mirror(reach)])

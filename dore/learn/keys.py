@@ -5,6 +5,8 @@ B denotes the batch, G the cells, W the words of a board, T the boards an episod
 
 from __future__ import annotations
 
+from tensordict.utils import NestedKey
+
 Key = tuple[str, ...]
 
 BOARD = "board"
@@ -15,11 +17,13 @@ VISITED = "visited"
 """Int64[B, T, W]: the episode's boards so far, the present one included; unused places repeat the first."""
 FAILURE = "failure"
 """Int64[B]: a `dore.world.rules.Failure` code."""
-PICK_MASK: Key = ("pick", "mask")
+LEGAL_PICK: Key = ("pick", "legal")
 """Bool[B, G]: legal picks, of the environment."""
 PICKABLE: Key = ("pick", "accessible")
 """Bool[B, G]: m_p (eqs. 11-12), of the environment: obstacles that the hand can get to, whether or not they can be
 placed somewhere."""
+PICK_MASK: Key = ("pick", "mask")
+"""Bool[B, G]: what the pick head may choose; written by the policy, and by `Agent.decode` for the loss."""
 PICK: Key = ("pick", "action")
 """Int64[B]: the cell whose obstacle is picked."""
 PICK_VALUE: Key = ("pick", "action_value")
@@ -27,8 +31,8 @@ PICK_VALUE: Key = ("pick", "action_value")
 PICK_REWARD: Key = ("pick", "reward")
 """Float[B, 1]: the pick network's reward (section 5.2)."""
 PLACE_MASK: Key = ("place", "mask")
-"""Bool[B, G]: what the place head may choose for the pick that was chosen. A policy writes it once the obstacle is
-lifted; the environment does not, because no mask of places is right before the pick is known."""
+"""Bool[B, G]: what the place head may choose; written as PICK_MASK is. The environment has no mask of places, because
+none is right before the pick is known."""
 PLACE: Key = ("place", "action")
 """Int64[B]: the cell on which it is placed."""
 PLACE_VALUE: Key = ("place", "action_value")
@@ -49,3 +53,8 @@ SLOT_MASK: Key = ("pick", "slot_mask")
 """Bool[B, Z]: slots that may be chosen."""
 SLOT_VALUE: Key = ("pick", "slot_value")
 """Float[B, Z]: Q_1."""
+
+
+def below(group: str, *names: NestedKey) -> list[NestedKey]:
+    """Those keys inside a nested TensorDict."""
+    return [(group, name) if isinstance(name, str) else (group, *name) for name in names]

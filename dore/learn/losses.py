@@ -30,11 +30,6 @@ LIFTED = "lifted"
 """The pick head's observation, mask and `terminated` after the lift: its next state in the literal chain."""
 
 
-def _below(group: str, *names: NestedKey) -> list[NestedKey]:
-    """Those keys inside a nested TensorDict."""
-    return [(group, name) if isinstance(name, str) else (group, *name) for name in names]
-
-
 class SingleLoss(QLoss):
     """One network with two heads, Q1 for the slot to pick and Q2 for the cell to place on (eqs. 3, 8, 9).
 
@@ -71,7 +66,7 @@ class SingleLoss(QLoss):
     def _keys_read(self) -> list[NestedKey]:
         names = self.tensor_keys
         after = (*self._observations, names.pick_mask, names.place_mask, names.place_reward, names.terminated)
-        return [*self._observations, names.pick_action, names.place_action, *_below("next", *after)]
+        return [*self._observations, names.pick_action, names.place_action, *keys.below("next", *after)]
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
@@ -141,11 +136,11 @@ class SequentialLoss(QLoss):
         names = self.tensor_keys
         pick, place = (self._online[head].in_keys for head in ("pick", "place"))
         read = [*pick, *place, names.pick_action, names.place_action, names.picked]
-        read += _below("next", names.place_reward, names.terminated)
+        read += keys.below("next", names.place_reward, names.terminated)
         if self.chain == "natural":
-            return [*read, names.place_mask, *_below("next", *pick, names.pick_mask)]
-        read += _below(LIFTED, *pick, names.pick_mask, names.terminated)
-        return read + _below("next", *place, names.place_mask, names.pick_reward)
+            return [*read, names.place_mask, *keys.below("next", *pick, names.pick_mask)]
+        read += keys.below(LIFTED, *pick, names.pick_mask, names.terminated)
+        return read + keys.below("next", *place, names.place_mask, names.pick_reward)
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDict:

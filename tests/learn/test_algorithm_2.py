@@ -150,7 +150,7 @@ def test_the_fill_counts_for_nothing_and_each_unit_has_its_update(unit):
     trainer.worlds[MAIN].player.reset = lambda: (resets.append(trainer.progress.filled), reset())[1]
     while trainer.progress.filled < 50:
         trainer.iterate()
-        assert trainer.learner.agent._greedy[0].explore.eps.item() == 1.0
+        assert trainer.learner.agent.choosers[0].explore.eps.item() == 1.0
     progress = trainer.progress
     assert (progress.filled, progress.env_steps, progress.episodes, progress.updates) == (50, 0, 0, 0)
     assert len(trainer.worlds[MAIN].buffer) == 50

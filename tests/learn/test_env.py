@@ -23,7 +23,7 @@ from tests.worlds import REWARDS, make_agent, make_env
 
 def random_legal(env: RearrangeEnv, observation, generator: torch.Generator):
     """The same TensorDict with a random legal move in every row."""
-    pick = observation[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
+    pick = observation[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
     places = legal_places(env.reach, observation[keys.BOARD], observation[keys.TARGET], observation[keys.VISITED], pick)
     place = places.float().multinomial(1, generator=generator).squeeze(-1)
     return observation.set(keys.PICK, pick).set(keys.PLACE, place)
@@ -35,13 +35,13 @@ def test_specs(size):
 
 
 def test_specs_with_action_masks():
-    check_env_specs(TransformedEnv(make_env(wide_hand(3, 6), 16, 9), ActionMask(keys.PICK, keys.PICK_MASK)))
+    check_env_specs(TransformedEnv(make_env(wide_hand(3, 6), 16, 9), ActionMask(keys.PICK, keys.LEGAL_PICK)))
 
 
 def test_random_picks_under_an_action_mask_are_legal_through_partial_resets():
     """ActionMask reads the mask of `_reset`: rows that are not reset must show their own there."""
     narrow = Reach(Layout.grid(6, 6, 0.12), clearance_m=0.08, half_fan_deg=5.0, n_sectors=10)
-    env = TransformedEnv(make_env(narrow, 256, 9), ActionMask(keys.PICK, keys.PICK_MASK))
+    env = TransformedEnv(make_env(narrow, 256, 9), ActionMask(keys.PICK, keys.LEGAL_PICK))
     env.set_seed(3)
     torch.manual_seed(0)
     rollout = env.rollout(12, break_when_any_done=False)
@@ -62,7 +62,7 @@ def test_partial_reset_leaves_the_other_rows_alone():
     before, state = observation.clone(), env.state_dict()
     after = env.reset(observation.clone().set("_reset", ask))
     others = ~ask.squeeze(-1)
-    for key in (keys.BOARD, keys.TARGET, keys.VISITED, keys.PICK_MASK, keys.PICKABLE, keys.FAILURE):
+    for key in (keys.BOARD, keys.TARGET, keys.VISITED, keys.LEGAL_PICK, keys.PICKABLE, keys.FAILURE):
         assert torch.equal(after[key][others], before[key][others]), key
     assert not torch.equal(after[keys.BOARD][~others], before[keys.BOARD][~others])
     assert torch.equal(env.state_dict()["moves"][others], state["moves"][others])
@@ -173,7 +173,7 @@ def test_batch_equals_rows_one_by_one():
     many = step(instances.batch(), *rows)
     for row in range(24):
         alone = step(instances.batch(slice(row, row + 1)), *rows[:, row : row + 1])
-        for key in (keys.BOARD, keys.PICK_MASK, keys.PICKABLE, keys.PICK_REWARD, keys.PLACE_REWARD, keys.FAILURE):
+        for key in (keys.BOARD, keys.LEGAL_PICK, keys.PICKABLE, keys.PICK_REWARD, keys.PLACE_REWARD, keys.FAILURE):
             assert torch.equal(alone[key][0], many[key][row]), (row, key)
 
 
@@ -257,7 +257,7 @@ def test_no_legal_move_left_ends_the_episode():
     reach = wide_hand(4, 1)
     env = RearrangeEnv(reach, Given(Batch(board_of(reach, 1, 2), torch.tensor([3]))), 1, 8, REWARDS)
     observation = env.reset()
-    assert observation[keys.PICK_MASK][0].tolist() == [False, True, False, False]
+    assert observation[keys.LEGAL_PICK][0].tolist() == [False, True, False, False]
     after = env.step(observation.set(keys.PICK, torch.tensor([1])).set(keys.PLACE, torch.tensor([0])))["next"]
     assert int(after[keys.FAILURE]) == Failure.NO_LEGAL_MOVE
     assert bool(after[keys.TERMINATED])

@@ -94,7 +94,7 @@ def test_the_greedy_path_is_the_policy_without_exploration(kind: str, literal: b
             keys.BOARD: board,
             keys.TARGET: target,
             keys.VISITED: visited,
-            "pick": {"mask": episodes.legal.pick, "accessible": episodes.legal.pickable},
+            "pick": {"legal": episodes.legal.pick, "accessible": episodes.legal.pickable},
         },
         batch_size=[BOARDS],
     )

@@ -37,7 +37,7 @@ def boards_stood_on(reach: Reach, source: object, steps: int, seed: int) -> Iter
     for _ in range(steps // ENVS):
         board, target, visited = now[keys.BOARD], now[keys.TARGET], now[keys.VISITED]
         yield board, target, starts
-        pick = now[keys.PICK_MASK].float().multinomial(1, generator=generator).squeeze(-1)
+        pick = now[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
         places = legal_places(reach, board, target, visited, pick)
         place = places.float().multinomial(1, generator=generator).squeeze(-1)
         stepped, now = env.step_and_maybe_reset(now.set(keys.PICK, pick).set(keys.PLACE, place))

@@ -1,65 +1,112 @@
-"""What the two agents share: masked greedy heads, exploration, and checks of their hyperparameters."""
+"""What the two agents share: hyperparameters, observations, masked greedy heads and exploration."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictModuleBase
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor
 from torchrl.data import Categorical, Composite
 from torchrl.modules import EGreedyModule, QValueModule
-from torchrl.objectives.common import LossModule
 
 from dore.errors import InputError, flag, number, one_of
 from dore.learn import keys
-from dore.learn.features import Encoding, mirrored_board, mirrored_cell
-from dore.learn.q_loss import MaskMode, masked
+from dore.learn.features import Encoding, encode
+from dore.learn.q_loss import MaskMode, QLoss, masked
 from dore.world.episode import Episodes
 from dore.world.reach import Reach
 
 
-class Agent(Protocol):
-    """What training and planning need of an agent, whichever structure it has."""
+@dataclass(frozen=True)
+class Hyperparameters:
+    """What `agent` in a config gives to either structure.
+
+    encoding: see `dore.learn.features.Encoding`.
+    mask_mode: see `dore.learn.q_loss.masked`, and the agents.
+    gamma: discount of a move.
+    double: double Q-learning (the paper's DQN is plain).
+    loss_function: smooth_l1 or l2 (the paper's, eq. 3).
+    symmetry: learn from each stored move or its mirror image, by chance (the paper does not).
+
+    Raises:
+        InputError: a value outside its domain.
+    """
+
+    encoding: Encoding
+    mask_mode: MaskMode
+    gamma: float
+    double: bool
+    loss_function: Literal["smooth_l1", "l2"]
+    symmetry: bool
+
+    def __post_init__(self) -> None:
+        flag("agent.double", self.double)
+        flag("agent.symmetry", self.symmetry)
+        number("agent.gamma", self.gamma, above=0.0, at_most=1.0)
+        one_of("agent.mask_mode", self.mask_mode, MaskMode)
+        one_of("agent.encoding", self.encoding, Encoding)
+        one_of("agent.loss_function", self.loss_function, Literal["smooth_l1", "l2"])
+
+
+class Agent(ABC):
+    """What training and planning need of an agent, whichever structure it has.
+
+    Args:
+        reach: the layout's accessibility check; its device is the agent's.
+
+    Raises:
+        InputError: symmetry on a layout without a mirror image.
+    """
 
     policy: TensorDictModuleBase
     """The environment's observation -> the actions; explores unless TorchRL's exploration is off."""
-    loss: LossModule
+    loss: QLoss
     """Losses of a decoded batch; holds the networks' parameters and their targets."""
     networks: torch.nn.ModuleDict
     """The online networks."""
     stored: tuple[str | keys.Key, ...]
     """The keys that the buffer keeps of a step."""
+    choosers: tuple[Greedy, Greedy]
+    """Of the policy: what is picked, where it is placed."""
 
+    def __init__(self, reach: Reach, hyperparameters: Hyperparameters) -> None:
+        if hyperparameters.symmetry and reach.mirror is None:
+            raise InputError("agent.symmetry: true, but this layout has no mirror image; want false")
+        self.reach = reach
+        self.encoding, self.mask_mode = hyperparameters.encoding, hyperparameters.mask_mode
+        self.symmetry = hyperparameters.symmetry
+
+    @abstractmethod
     def decode(self, batch: TensorDictBase) -> TensorDictBase:
         """Stored transitions, with all that the loss needs."""
 
-    def set_epsilon(self, epsilon: float) -> None:
-        """How often a head acts at random."""
-
+    @abstractmethod
     def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
         """The Int64[B] (pick, place) cells that the policy chooses where it does not explore.
 
         It builds no TensorDict, which would take most of the time of a choice for one board.
         """
 
+    @abstractmethod
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
 
+    def set_epsilon(self, epsilon: float) -> None:
+        """How often a head acts at random; `EGreedyModule.step` would loop over frames in Python."""
+        for chooser in self.choosers:
+            chooser.explore.eps.fill_(epsilon)
 
-def check_hyperparameters(
-    gamma: float, double: bool, mask_mode: str, encoding: str, loss_function: str, symmetry: bool, reach: Reach
-) -> None:
-    """Raise InputError for a value outside its domain."""
-    flag("agent.double", double)
-    if flag("agent.symmetry", symmetry) and reach.mirror is None:
-        raise InputError("agent.symmetry: true, but this layout has no mirror image; want false")
-    number("agent.gamma", gamma, above=0.0, at_most=1.0)
-    one_of("agent.mask_mode", mask_mode, MaskMode)
-    one_of("agent.encoding", encoding, Encoding)
-    if loss_function not in ("smooth_l1", "l2"):
-        raise InputError(f"agent.loss_function: got {loss_function!r}, want smooth_l1 or l2")
+    def _observe(self, board: Tensor, target: Tensor, mask: Tensor | None) -> Tensor:
+        """Float[B, C, G]: what a network sees."""
+        return encode(self.reach, board, target, mask, self.encoding)
+
+    def _best(self, values: Tensor, mask: Tensor) -> Tensor:
+        """Int64[B]: the greedy choice."""
+        return masked(values, mask, self.mask_mode).argmax(-1)
 
 
 def never_empty(mask: Tensor) -> Tensor:
@@ -67,7 +114,7 @@ def never_empty(mask: Tensor) -> Tensor:
     return mask | ~mask.any(-1, keepdim=True)
 
 
-class Greedy(torch.nn.Module):
+class Greedy(TensorDictSequential):
     """argmax of the masked values, by TorchRL's QValueModule, then epsilon-greedy over what the mask allows.
 
     Args:
@@ -79,39 +126,27 @@ class Greedy(torch.nn.Module):
     def __init__(
         self, action: keys.Key, value: keys.Key, mask: keys.Key, n: int, mask_mode: MaskMode, device: torch.device
     ) -> None:
-        super().__init__()
         group, name = action
         masked_value = (group, "masked_value")
-        chosen = (group, "chosen_action_value")
-        self.mask_values = TensorDictModule(
-            lambda values, allowed: masked(values, allowed, mask_mode), in_keys=[value, mask], out_keys=[masked_value]
-        )
-        self.choose = QValueModule(
-            spec=Categorical(n, device=device),
-            action_value_key=masked_value,
-            out_keys=[action, masked_value, chosen],
-            action_space="categorical",
-        )
-        self.explore = EGreedyModule(
-            spec=Composite({group: Composite({name: Categorical(n, device=device)}, device=device)}, device=device),
+        spec = Categorical(n, device=device)
+        explore = EGreedyModule(
+            spec=Composite({group: Composite({name: spec}, device=device)}, device=device),
             action_key=action,
             action_mask_key=mask,
             device=device,
         )
-
-    def modules_in_order(self) -> list[torch.nn.Module]:
-        """As a policy runs them."""
-        return [self.mask_values, self.choose, self.explore]
-
-    def set_epsilon(self, epsilon: float) -> None:
-        """`EGreedyModule.step` loops over frames in Python; setting the value does not."""
-        self.explore.eps.fill_(epsilon)
-
-
-def mirror_rows(
-    rows: Tensor, reach: Reach, boards: list[Tensor], cells: list[Tensor]
-) -> tuple[list[Tensor], list[Tensor]]:
-    """Those Bool[B] rows of the boards and cells mirrored about the robot's axis: the same problem again."""
-    mirrored_boards = [torch.where(rows[:, None], mirrored_board(board, reach), board) for board in boards]
-    mirrored_cells = [torch.where(rows, mirrored_cell(cell, reach), cell) for cell in cells]
-    return mirrored_boards, mirrored_cells
+        super().__init__(
+            TensorDictModule(
+                lambda values, allowed: masked(values, allowed, mask_mode),
+                in_keys=[value, mask],
+                out_keys=[masked_value],
+            ),
+            QValueModule(
+                spec=spec,
+                action_value_key=masked_value,
+                out_keys=[action, masked_value, (group, "chosen_action_value")],
+                action_space="categorical",
+            ),
+            explore,
+        )
+        self.explore = explore

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictSequential
@@ -9,11 +11,10 @@ from torch import Tensor
 
 from dore.errors import one_of, whole
 from dore.learn import keys
-from dore.learn.agents.common import Greedy, check_hyperparameters, mirror_rows, never_empty
-from dore.learn.features import Encoding, encode, n_planes, slot_of, slots
+from dore.learn.agents.common import Agent, Greedy, Hyperparameters, never_empty
+from dore.learn.features import mirrored_by_chance, n_planes, slot_of, slots
 from dore.learn.losses import Heads, SingleLoss
 from dore.learn.networks import NetworkFactory
-from dore.learn.q_loss import MaskMode, masked
 from dore.world.episode import Episodes
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, legal_moves, legal_places
@@ -22,57 +23,49 @@ _SEEN = ("pick", keys.OBSERVATION)
 _SLOT_CELLS = ("pick", "slot_cells")
 
 
-class Single:
+class Single(Agent):
     """Q1 on the Z slots of obstacles, ascending by cell, and Q2 on the G cells, of one trunk (eqs. 8-9).
 
-    A slot that holds no obstacle is ruled out, or, in the literal form, a pick fail.
+    A slot that holds no obstacle is ruled out, or, in the literal form, a pick fail. `mask_mode=legal`: only legal
+    slots and, given the slot, legal places are chosen; `literal`: the plain argmax of eqs. 8-9, failures and all. All
+    encodings but the paper's `state` also show m_p, which the paper gives only to the separated networks.
 
     Args:
-        reach: the layout's accessibility check; its device is the agent's.
         network: makes the network.
         n_slots: Z, the most obstacles that the pick head can tell apart.
-        encoding: see `dore.learn.features.Encoding`; `planes` also shows m_p, which the paper gives only to the
-            separated networks.
-        mask_mode: `legal`: only legal slots and, given the slot, legal places are chosen. `literal`: the plain
-            argmax of eqs. 8-9, failures and all.
         heads: see `dore.learn.losses.SingleLoss`.
-        gamma: discount of a move.
-        double: double Q-learning (the paper's DQN is plain).
-        loss_function: smooth_l1 or l2 (the paper's, eq. 3).
-        symmetry: learn from each stored move or its mirror image, by chance (the paper does not).
+        reach, hyperparameters: see `Agent` and `Hyperparameters`.
 
     Raises:
         InputError: a hyperparameter outside its domain, or symmetry on a layout without a mirror.
     """
 
     def __init__(
-        self,
-        reach: Reach,
-        network: NetworkFactory,
-        n_slots: int,
-        encoding: Encoding,
-        mask_mode: MaskMode,
-        heads: Heads,
-        gamma: float,
-        double: bool,
-        loss_function: str,
-        symmetry: bool,
+        self, reach: Reach, network: NetworkFactory, n_slots: int, heads: Heads, **hyperparameters: Any
     ) -> None:
-        check_hyperparameters(gamma, double, mask_mode, encoding, loss_function, symmetry, reach)
+        shared = Hyperparameters(**hyperparameters)
+        super().__init__(reach, shared)
         one_of("agent.heads", heads, Heads)
-        self.reach, self.encoding, self.mask_mode, self.symmetry = reach, encoding, mask_mode, symmetry
         self.n_slots = whole("agent.n_slots", n_slots, 1)
-        planes, cells = n_planes(encoding, with_mask=encoding != "state"), reach.n_cells
-        made = network(layout=reach.layout, n_planes=planes, n_outputs=(n_slots, cells))
+        planes = n_planes(self.encoding, with_mask=self.encoding != "state")
+        made = network(layout=reach.layout, n_planes=planes, n_outputs=(n_slots, reach.n_cells))
         self.networks = torch.nn.ModuleDict({"pick_place": made}).to(reach.device)
         values = TensorDictModule(made, in_keys=[_SEEN], out_keys=[keys.SLOT_VALUE, keys.PLACE_VALUE])
-        self._greedy = [
-            Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, n_slots, mask_mode, reach.device),
-            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mask_mode, reach.device),
-        ]
+        self._make_policy(values)
+        self.loss = SingleLoss(values, shared.gamma, shared.double, self.mask_mode, heads, shared.loss_function)
+        following = keys.below("next", keys.BOARD, keys.TERMINATED, keys.PLACE_REWARD)
+        self.stored = (keys.BOARD, keys.TARGET, keys.SLOT, keys.PLACE, *following)
+
+    def _make_policy(self, values: TensorDictModule) -> None:
+        """Choose a slot, then the cell for its obstacle."""
+        mode, device = self.mask_mode, self.reach.device
+        self.choosers = (
+            Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, self.n_slots, mode, device),
+            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, self.reach.n_cells, mode, device),
+        )
         before_pick = TensorDictModule(
             self._see_slots,
-            in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.PICK_MASK],
+            in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.LEGAL_PICK],
             out_keys=[_SEEN, _SLOT_CELLS, keys.SLOT_MASK],
         )
         before_place = TensorDictModule(
@@ -80,37 +73,15 @@ class Single:
             in_keys=[keys.BOARD, keys.TARGET, keys.VISITED, _SLOT_CELLS, keys.SLOT],
             out_keys=[keys.PICK, keys.PLACE_MASK],
         )
-        self.policy = TensorDictSequential(
-            before_pick,
-            values,
-            *self._greedy[0].modules_in_order(),
-            before_place,
-            *self._greedy[1].modules_in_order(),
-        )
-        self.loss = SingleLoss(values, gamma, double, mask_mode, heads, loss_function)
-        self.stored: tuple[str | keys.Key, ...] = (
-            keys.BOARD,
-            keys.TARGET,
-            keys.SLOT,
-            keys.PLACE,
-            ("next", keys.BOARD),
-            ("next", keys.TERMINATED),
-            ("next", *keys.PLACE_REWARD),
-        )
-
-    def set_epsilon(self, epsilon: float) -> None:
-        """How often a head acts at random."""
-        for greedy in self._greedy:
-            greedy.set_epsilon(epsilon)
+        self.policy = TensorDictSequential(before_pick, values, self.choosers[0], before_place, self.choosers[1])
 
     def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
-        """The (pick, place) cells chosen where the policy does not explore; see `Agent.greedy`."""
+        """See `Agent.greedy`."""
         board, target, legal = episodes.board, episodes.target, episodes.legal
         seen, cells, slot_mask = self._see_slots(board, target, legal.pickable, legal.pick)
         of_slot, of_place = self.networks["pick_place"](seen)
-        slot = masked(of_slot, slot_mask, self.mask_mode).argmax(-1)
-        pick, place_mask = self._take_slot(board, target, episodes.visited, cells, slot)
-        return pick, masked(of_place, place_mask, self.mask_mode).argmax(-1)
+        pick, place_mask = self._take_slot(board, target, episodes.visited, cells, self._best(of_slot, slot_mask))
+        return pick, self._best(of_place, place_mask)
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the mean of Q1 of an obstacle and Q2 of each cell, for Int64[N] picks on Int64[N, W] boards.
@@ -137,13 +108,11 @@ class Single:
         self, board: Tensor, following: Tensor, target: Tensor, slot: Tensor, place: Tensor
     ) -> tuple[Tensor, ...]:
         """Half of the rows mirrored; a mirrored obstacle has another slot."""
-        rows = torch.rand(board.shape[:1], device=board.device) < 0.5
         cells, there = slots(board, self.n_slots, self.reach.n_cells)
-        pick = cells.gather(1, slot[:, None]).squeeze(1)
-        (board, following), (target, pick, place) = mirror_rows(
-            rows, self.reach, [board, following], [target, pick, place]
+        pick, held = (of_slot.gather(1, slot[:, None]).squeeze(1) for of_slot in (cells, there))
+        (board, following), (target, pick, place) = mirrored_by_chance(
+            self.reach, [board, following], [target, pick, place]
         )
-        held = there.gather(1, slot[:, None]).squeeze(1)
         mirrored_slot = slot_of(board, pick, self.reach.n_cells).clamp_max(self.n_slots - 1)
         return board, following, target, torch.where(held, mirrored_slot, slot), place
 
@@ -160,16 +129,15 @@ class Single:
         )
 
     def _see_slots(
-        self, board: Tensor, target: Tensor, in_reach: Tensor, legal: Tensor
+        self, board: Tensor, target: Tensor, pickable: Tensor, legal: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         """The observation, the cell of each slot, and which slots may be chosen: at least one in every row."""
         cells, slot_mask = self._slots(board, target, legal)
-        return self._observe(board, target, in_reach), cells, never_empty(slot_mask)
+        return self._observe(board, target, pickable), cells, never_empty(slot_mask)
 
-    def _observe(self, board: Tensor, target: Tensor, in_reach: Tensor) -> Tensor:
+    def _observe(self, board: Tensor, target: Tensor, mask: Tensor | None) -> Tensor:
         """Float[B, C, G]: the board, and m_p unless the encoding is the paper's."""
-        mask = None if self.encoding == "state" else in_reach
-        return encode(self.reach, board, target, mask, self.encoding)
+        return super()._observe(board, target, None if self.encoding == "state" else mask)
 
     def _slots(self, board: Tensor, target: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """Int64[B, Z]: the cell of each slot, and Bool[B, Z]: which slots may be chosen."""
