@@ -71,7 +71,10 @@ def check_outputs(**outputs: Path) -> None:
     for place in seen:
         folder = Path(place).parent
         folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
+        try:
+            tempfile.TemporaryFile(dir=folder).close()
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(folder)) from None
 
 
 @contextmanager

@@ -1,7 +1,8 @@
 """Random problem instances, without end, and the split that each belongs to.
 
 The split is a function of the board alone, the same for a board and its mirror image, which are the same problem. So
-training can draw fresh boards without end, mirrored or not, and never sees one of the test split.
+training can draw fresh boards without end, mirrored or not, and never starts an episode on one of the test split. On
+its way an episode does stand on such boards, as on any others: docs/results/trust.md says on how many.
 """
 
 from __future__ import annotations

@@ -185,7 +185,10 @@ def _world(reach: Reach) -> str:
 
 @dataclass(frozen=True)
 class InstanceSplits:
-    """The three splits of one difficulty; no board, nor its mirror image, is in two of them.
+    """The three splits of one difficulty, by the board that an episode starts from.
+
+    No board, nor its mirror image, starts episodes of two splits. Later on, an episode may stand on a board of another
+    split.
 
     Args:
         min_obstacles, max_obstacles: see `dore.world.generator.Difficulty`.

@@ -173,7 +173,7 @@ def killed_sweeps(home: Path, kills: int, random_: random.Random) -> Iterator[Tr
     code, said = finish(start("train", *SWEEP, "sweep=one", cwd=home))
 
     def faults() -> list[str]:
-        folders = sorted((home / "outputs" / "sweeps" / "one").glob("*seed=*"))
+        folders = sorted(path.parent for path in (home / "outputs" / "sweeps" / "one").glob("*/config.yaml"))
         for folder in folders:
             load_model(folder)
         ended = [folder for folder in folders if read_record(folder / "done.json")]
@@ -203,7 +203,7 @@ def double_starts(home: Path, starts: int) -> Iterator[Trial]:
     """The same folder given to a second process while the first is at work."""
     for number in range(starts):
         command = ("train", "evaluate")[number % 2]
-        given = TRAIN if command == "train" else EVALUATE
+        given = (*TRAIN, "training.max_episodes=8000") if command == "train" else EVALUATE
         folder = f"double{number}"
         first = start(command, *given, f"run_dir={folder}", cwd=home)
         wait_for(home / folder / "config.yaml", first)
