@@ -35,5 +35,6 @@ executed=0
 "$bin/dore-execute" plan="$out/plan.json" run_dir="$out/execute" || executed=$?
 
 echo
-"$bin/python" scripts/demo_summary.py "$out" "$SECONDS"
+echo "== $SECONDS s in all; what was made:"
+find "$out" -name '*.png' -o -name '*.mp4' -o -name plan.json -o -name rows.csv -o -name execution.json | sort
 exit "$executed"

@@ -44,7 +44,7 @@ run() {
     child=$!
     while kill -0 "$child" 2>/dev/null; do wait "$child" && code=0 || code=$?; done
     child=""
-    [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal_rows "$folder" "$results/$name"
+    [ ! -f "$folder/metrics.csv" ] || "$bin/python" -m scripts.literal_rows run="$folder" out="$results/$name"
     case $code in
     0 | 124 | 130) ;;
     *)

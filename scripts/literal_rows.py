@@ -1,46 +1,43 @@
 """What a literal run has done so far, as docs/results/literal/NAME.csv and NAME.json (scripts/literal.sh calls this).
 
-python -m scripts.literal_rows RUN docs/results/literal/NAME
+python -m scripts.literal_rows run=FOLDER out=docs/results/literal/NAME
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from dore.app.run_folder import read_config
-from dore.errors import InputError
 from dore.files import ABOUT_FILE, METRICS_FILE, atomic_write, read_done, read_record
 from dore.report.rows import read_table
+from scripts.program import run
 
 MOST_ROWS = 1100
 """Tests of a run in its CSV file, evenly spaced; the last one always."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Write both files; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="the run's folder")
-    parser.add_argument("out", type=Path, help="the files' path, without .csv and .json")
-    chosen = parser.parse_args(arguments)
-    try:
-        about, tests = run_of(chosen.run)
-    except InputError as error:
-        print(f"literal_rows: {error}", file=sys.stderr)
-        return 2
-    chosen.out.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(f"{chosen.out}.csv") as file:
+@dataclass(frozen=True)
+class Options:
+    """run: the run's folder. out: the files' path, without .csv and .json."""
+
+    run: Path
+    out: Path
+
+
+def main(options: Options) -> None:
+    """Write both files."""
+    about, tests = run_of(options.run)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(f"{options.out}.csv") as file:
         tests.to_csv(file, index=False, lineterminator="\n")
-    with atomic_write(f"{chosen.out}.json") as file:
-        json.dump(about, file, indent=2)
-        file.write("\n")
-    return 0
+    with atomic_write(f"{options.out}.json") as file:
+        file.write(json.dumps(about, indent=2) + "\n")
 
 
 def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
@@ -83,4 +80,4 @@ def run_of(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(main, Options))

@@ -1,26 +1,25 @@
 """How well the camera reads the board: random scenes in the simulator, with a real sensor's depth noise and without.
 
-python -m scripts.measure_vision OUT [--scenes 200] [--lying 40] [--seed 1] [--camera kinect] [--picture FILE]
+python -m scripts.measure_vision out=FOLDER [scenes=200] [lying=40] [seed=1] [camera=kinect] [picture=FILE]
 Objects of both shapes and of random sizes stand up to a centimetre from the middle of their cells and turned at random;
-the arm is ready. Then scenes in which one object lies, which must be reported. OUT/scenes, OUT/objects and
-OUT/lying get a rows.csv each, and the picture the first noisy frame; `dore-report study=vision` makes the page. Needs a
-Vulkan driver (scripts/install_lavapipe.sh); about five minutes on one core.
+the arm is ready. Then scenes in which one object lies, which must be reported. FOLDER/scenes, FOLDER/objects and
+FOLDER/lying get a rows.csv each, and the picture the first noisy frame; `dore-report study=vision` makes the page.
+Needs a Vulkan driver (scripts/install_lavapipe.sh); about five minutes on one core.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from tqdm import trange
 
-from dore.errors import InputError, seed_of, whole
-from dore.files import atomic_write
+from dore.errors import seed_of, whole
+from dore.files import check_outputs
 from dore.report.measurements import write_measurements
 from dore.sim.config import preset
 from dore.sim.scene.agent import render_backend
@@ -28,8 +27,9 @@ from dore.sim.vision.camera import RgbdCamera, rendered
 from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.perception import detections
 from dore.world.layout import Layout
+from scripts.program import run
 from scripts.vision_figure import draw
-from scripts.vision_scenes import lay_down, object_rows, random_arrangement, reports_lying, scene_row, standing
+from scripts.vision_scenes import lay_down, object_rows, random_arrangement, scene_row, standing
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
 _FEW_OBSTACLES = 6
@@ -37,43 +37,45 @@ _FEW_OBSTACLES = 6
 Rows = list[dict[str, Any]]
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, and write the rows and the picture."""
-    chosen = _arguments(arguments)
-    torch.set_num_threads(1)
-    if render_backend() == "none":
-        raise SystemExit("error: no Vulkan driver here, so nothing can be seen; see scripts/install_lavapipe.sh")
-    camera: CameraConfig = preset(f"camera/{chosen.camera}")
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows. scenes: with all objects upright. lying: scenes with one object lying down.
+
+    seed: of scenes and noise; settings were chosen on seed 0. camera: one of conf/camera.
+    """
+
+    out: Path
+    scenes: int = 200
+    lying: int = 40
+    seed: int = 1
+    camera: str = "kinect"
+    picture: Path = Path("docs/results/vision.png")
+
+    def __post_init__(self) -> None:
+        whole("scenes", self.scenes, 1)
+        whole("lying", self.lying, 1)
+        seed_of("seed", self.seed)
+
+
+def main(options: Options) -> None:
+    """Measure, and write the rows and the picture.
+
+    Raises:
+        InputError: nothing can render here.
+    """
+    camera: CameraConfig = preset(f"camera/{options.camera}")
     started = time.perf_counter()
-    chosen.picture.parent.mkdir(parents=True, exist_ok=True)
+    check_outputs(picture=options.picture)
     # A renderer compiles its shaders again once no other is left: this one stays.
-    with standing(random_arrangement(LAYOUT, np.random.default_rng(chosen.seed)), camera) as env:
+    with standing(random_arrangement(LAYOUT, np.random.default_rng(options.seed)), camera) as env:
         rendered(env)
-        scenes, objects = upright_scenes(camera, chosen.scenes, chosen.seed, chosen.picture)
-        lying = lying_scenes(camera, chosen.lying, chosen.seed)
-    about = {"seed": chosen.seed, "camera": chosen.camera, "rendering": render_backend()}
+        scenes, objects = upright_scenes(camera, options.scenes, options.seed, options.picture)
+        lying = lying_scenes(camera, options.lying, options.seed)
+    about = {"seed": options.seed, "camera": options.camera, "rendering": render_backend()}
     about["seconds"] = f"{time.perf_counter() - started:.0f}"
     about["wrong"] = "; ".join(f"with noise={row['noise']}: {row['wrong']}" for row in scenes if row["wrong"])
     for name, rows in (("objects", objects), ("lying", lying), ("scenes", scenes)):
-        write_measurements(chosen.out / name, rows, **about)
-
-
-def _arguments(given: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder of the rows")
-    parser.add_argument("--scenes", type=int, default=200, help="with all objects upright")
-    parser.add_argument("--lying", type=int, default=40, help="scenes with one object lying down")
-    parser.add_argument("--seed", type=int, default=1, help="of scenes and noise; settings were chosen on seed 0")
-    parser.add_argument("--camera", default="kinect", help="which of conf/camera")
-    parser.add_argument("--picture", type=Path, default=Path("docs/results/vision.png"))
-    chosen = parser.parse_args(given)
-    try:
-        whole("--scenes", chosen.scenes, 1)
-        whole("--lying", chosen.lying, 1)
-        seed_of("--seed", chosen.seed)
-    except InputError as error:
-        parser.error(str(error))
-    return chosen
+        write_measurements(options.out / name, rows, **about)
 
 
 def upright_scenes(camera: CameraConfig, count: int, seed: int, picture: Path) -> tuple[Rows, Rows]:
@@ -93,8 +95,7 @@ def upright_scenes(camera: CameraConfig, count: int, seed: int, picture: Path) -
                 scenes.append(which | scene_row(placed, seen) | times)
                 objects += [which | row for row in object_rows(placed, seen)]
                 if index == 0 and noise == "kinect":
-                    with atomic_write(picture, "wb") as file:
-                        draw(file, frame, seen, placed)
+                    draw(picture, frame, seen, placed)
     return scenes, objects
 
 
@@ -106,11 +107,12 @@ def lying_scenes(camera: CameraConfig, count: int, seed: int) -> Rows:
         placed = random_arrangement(LAYOUT, rng, most=_FEW_OBSTACLES)
         with standing(placed, camera) as env:
             if lay_down(env, placed, rng):
-                found.append({"scene": index, "reported": reports_lying(RgbdCamera(env, seed=index).look(), LAYOUT)})
+                seen = RgbdCamera(env, seed=index).look()
+                found.append({"scene": index, "reported": scene_row(placed, seen)["lying"]})
         if len(found) == count:
             return found
     raise RuntimeError(f"only {len(found)} of {count} scenes have room for a lying object")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

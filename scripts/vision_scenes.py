@@ -91,13 +91,16 @@ def lay_down(env: Any, placed: Arrangement, rng: np.random.Generator) -> bool:
 
 
 def scene_row(placed: Arrangement, seen: tuple[Detection, ...]) -> dict[str, Any]:
-    """Whether the whole scene, and the target, are right; wrong: why the scene was not understood."""
+    """Whether the whole scene, and the target, are right; wrong: why the scene was not understood.
+
+    lying: whether that is because an object does not stand upright.
+    """
     targets = [cell_of(one, placed.layout) for one in seen if one.is_target]
+    row = {"exact": False, "target": targets == [placed.cells[0]], "wrong": "", "lying": False}
     try:
-        exact, wrong = estimate(seen, placed.layout).scene == placed.scene, ""
+        return row | {"exact": estimate(seen, placed.layout).scene == placed.scene}
     except NotUnderstood as error:
-        exact, wrong = False, str(error)
-    return {"exact": exact, "target": targets == [placed.cells[0]], "wrong": wrong}
+        return row | {"wrong": str(error), "lying": error.why is Why.NOT_UPRIGHT}
 
 
 def object_rows(placed: Arrangement, seen: tuple[Detection, ...]) -> Iterator[dict[str, Any]]:
@@ -116,12 +119,3 @@ def object_rows(placed: Arrangement, seen: tuple[Detection, ...]) -> Iterator[di
             if body.shape == found.shape == "cuboid":
                 row["yaw_deg"] = math.degrees(math.remainder(found.yaw_rad - float(yaw), math.pi / 2))
         yield row
-
-
-def reports_lying(seen: tuple[Detection, ...], layout: Layout) -> bool:
-    """Whether the camera says that an object lies."""
-    try:
-        estimate(seen, layout)
-    except NotUnderstood as error:
-        return error.why is Why.NOT_UPRIGHT
-    return False

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from dore.report import results
-from scripts.literal_rows import main
+from scripts.literal_rows import Options, main
+from scripts.program import run
 from tests.commands import TINY
 from tests.report.fakes import study, training
 
@@ -53,7 +54,7 @@ def test_the_page_tells_last_from_best_and_how_far_a_run_is(tmp_path):
         ("sequential_6x6_z3-8_step_seed0", (), {}),
     ):
         folder = run_folder(tmp_path / "runs" / name, *tests, **done)
-        assert main([str(folder), str(tmp_path / "literal" / name)]) == 0
+        assert run(main, Options, [f"run={folder}", f"out={tmp_path / 'literal' / name}"]) == 0
     lines = [line for line in page(tmp_path).splitlines() if line.startswith("| sequential")]
     head = "| sequential | 6x6, 3-8 | 0 |"
     assert lines == [
@@ -65,7 +66,7 @@ def test_the_page_tells_last_from_best_and_how_far_a_run_is(tmp_path):
 
 
 def test_what_is_no_run_is_one_line(tmp_path, capsys):
-    assert main([str(tmp_path), str(tmp_path / "name")]) == 2
+    assert run(main, Options, [f"run={tmp_path}", f"out={tmp_path / 'name'}"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "is no run folder" in line
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import pytest
-
 from dore.report import results
 from dore.report.measurements import write_measurements
 from scripts import measure_vision
+from scripts.program import run
 from tests.rendering import needs_vulkan
 from tests.report import fakes
 
@@ -45,13 +44,13 @@ def test_the_page_by_hand(tmp_path):
 @needs_vulkan
 def test_two_scenes(tmp_path):
     picture = tmp_path / "new" / "vision.png"
-    measure_vision.main([str(tmp_path), "--scenes", "2", "--lying", "1", "--picture", str(picture)])
+    words = [f"out={tmp_path}", "scenes=2", "lying=1", f"picture={picture}"]
+    assert run(measure_vision.main, measure_vision.Options, words) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert "| scenes exact | 2 of 2 [34.2, 100.0] % | 2 of 2 [34.2, 100.0] % |" in page_of(tmp_path)
 
 
 def test_what_is_asked_for_wrongly(capsys, tmp_path):
-    with pytest.raises(SystemExit) as ended:
-        measure_vision.main([str(tmp_path), "--scenes", "0"])
-    assert ended.value.code == 2
-    assert "--scenes: got 0" in capsys.readouterr().err
+    words = [f"out={tmp_path}", "scenes=0"]
+    assert run(measure_vision.main, measure_vision.Options, words) == 2
+    assert "measure_vision: scenes: got 0" in capsys.readouterr().err
