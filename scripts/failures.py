@@ -30,7 +30,7 @@ from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Batch, Problem
 from dore.world.rules import lift
 from scripts.failures_figure import draw
-from scripts.planner_timing import composed
+from scripts.program import composed
 
 PROOF_S = 10.0
 """A proof is given up after so many seconds of its own."""
@@ -118,7 +118,7 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
         raise InputError(f"--columns: got {name!r}, want LAYOUT_INSTANCES, as 8x8_z3-13")
     overrides = [f"layout={layout}", f"instances={difficulty}", f"instances.validation_size={boards}"]
     planners = ["reach=wide_hand", "planner=[learned,exact]", f"planners.exact.max_seconds={PROOF_S}", f"model={model}"]
-    cfg = composed([*overrides, *planners])
+    cfg = composed("evaluate", *overrides, *planners)
     reach = build.reach_of(cfg, "cpu")
     learned, exact = build.planners_of(cfg, reach)
     if getattr(getattr(learned, "agent", None), "encoding", None) != "lanes":

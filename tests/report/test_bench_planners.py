@@ -7,13 +7,14 @@ from hydra.core.global_hydra import GlobalHydra
 
 from dore.report import results
 from scripts import bench_planners
+from scripts.program import run
 from tests.report import fakes
 
 
 def test_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(bench_planners, "process_seconds", lambda *command: 1.25)
     GlobalHydra.instance().clear()
-    bench_planners.main([str(tmp_path), "--limit", "2", "--learned-model="])
+    assert run(bench_planners.main, bench_planners.Options, [f"out={tmp_path}", "limit=2", "learned_model="]) == 0
     text = results.write_page(fakes.study("planners"), "planners", tmp_path, tmp_path / "p").read_text(encoding="utf-8")
     for words in (
         "13 obstacles, 2 test instances",
@@ -34,11 +35,25 @@ def test_the_page(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
-    [(["--parts", "a,z"], "--parts: got z, want some of a, b"), (["--limit", "0"], "--limit: got 0")],
+    ("word", "says"),
+    [
+        ("parts=[a,z]", "parts: got z, want some of a, b"),
+        ("parts=a", "parts: "),
+        ("limit=0", "limit: got 0"),
+        ("limit=few", "limit: Value 'few' of type 'str' could not be converted to Integer; the options are out, parts"),
+        ("size=3", "size: Key 'size' not in 'Options'; the options are out, parts"),
+        ("limit=[", "limit=[: while parsing"),
+    ],
 )
-def test_what_is_asked_for_wrongly(arguments, says, capsys):
-    with pytest.raises(SystemExit) as ended:
-        bench_planners.main(["out", *arguments])
-    assert ended.value.code == 2
-    assert says in capsys.readouterr().err
+def test_what_is_asked_for_wrongly_is_one_line(word, says, tmp_path, capsys):
+    assert run(bench_planners.main, bench_planners.Options, [f"out={tmp_path}", word]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("bench_planners: ")
+    assert says in line
+
+
+def test_help_names_the_options(capsys):
+    assert run(bench_planners.main, bench_planners.Options, ["--help"]) == 0
+    said = capsys.readouterr().out
+    assert "taking turns" in said
+    assert "limit: 10000" in said

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from dore.app import build
 from dore.errors import InputError
 from dore.learn.checkpoint import SHIPPED
 from dore.world.problem import Batch, Problem
 from scripts import q_maps
-from scripts.planner_timing import composed
-from scripts.q_maps import BOARDS, Wanted, main, maps_of
+from scripts.program import composed, planners_on, run
+from scripts.q_maps import BOARDS, Options, Wanted, main, maps_of
 from tests.worlds import make_agent
 
 SMALL = Wanted("3x6", 4, 2, "a small one")
@@ -18,11 +17,8 @@ SMALL = Wanted("3x6", 4, 2, "a small one")
 
 def test_the_choices_are_the_policys_first_move():
     pick, place = maps_of(SMALL, SHIPPED)
-    cfg = composed(["layout=3x6", "reach=wide_hand", "planner=[learned,exact]"])
-    reach = build.reach_of(cfg, "cpu")
-    learned, exact = (
-        planner.plan(Batch.of(Problem(pick.scene, reach)))[0] for planner in build.planners_of(cfg, reach)
-    )
+    reach, planners = planners_on("3x6", ["learned", "exact"], None)
+    learned, exact = (planner.plan(Batch.of(Problem(pick.scene, reach)))[0] for planner in planners)
     assert (pick.choice, place.choice) == (learned.moves[0].pick, learned.moves[0].place)
     assert len(exact.moves) == SMALL.optimum
     assert set(place.scene.obstacles) == set(pick.scene.obstacles) - {pick.choice}
@@ -33,7 +29,7 @@ def test_the_choices_are_the_policys_first_move():
 def test_a_picture_is_written(tmp_path, monkeypatch):
     monkeypatch.setattr(q_maps, "BOARDS", (SMALL, Wanted("5x5", 5, 1, "another")))
     out = tmp_path / "new" / "q.png"
-    assert main(["--out", str(out)]) == 0
+    assert run(main, Options, [f"out={out}"]) == 0
     assert out.read_bytes().startswith(b"\x89PNG")
     assert out.stat().st_size > 20_000
 
@@ -41,12 +37,12 @@ def test_a_picture_is_written(tmp_path, monkeypatch):
 def test_the_boards_of_the_page_compose():
     for wanted in BOARDS:
         rows, cols = wanted.layout.split("x")
-        cfg = composed([f"layout={wanted.layout}", "reach=wide_hand"])
+        cfg = composed("evaluate", f"layout={wanted.layout}", "reach=wide_hand")
         assert (cfg.layout.rows, cfg.layout.cols) == (int(rows), int(cols))
 
 
 def test_what_cannot_be_drawn_is_one_line(tmp_path, capsys):
-    assert main(["--model", str(tmp_path / "none"), "--out", str(tmp_path / "q.png")]) == 2
+    assert run(main, Options, [f"model={tmp_path / 'none'}", f"out={tmp_path / 'q.png'}"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "no such file" in line
     with pytest.raises(InputError, match="none of 100 boards needs 9 moves"):

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 import yaml
 
-from dore.errors import InputError
 from dore.report import results
 from dore.report.sources import paper_table, sources_of
 from dore.report.study import cells_of
-from scripts.reach_sensitivity import GRID, LAYOUTS, Moves, Point, Row, main, make_row, read_rows, write_rows
+from scripts.program import run
+from scripts.reach_sensitivity import LAYOUTS, Moves, Options, main, measures, paper
 from tests.report import fakes
 
 ROOT = Path(__file__).parents[2]
-HERE = Point(0.142, 15.0, None, False)
+Row = dict[str, Any]
 
 
-def row(obstacles: int = 3, point: Point = HERE, board: str = "3x6", stage: str = GRID, **off: float) -> Row:
+def row(obstacles: int = 3, clearance: float = 0.142, board: str = "3x6", stage: str = "grid", **off: float) -> Row:
     """A row whose optimum and baseline are the paper's, but for what is `off`."""
-    made = make_row(stage, 0, board, point, obstacles, [Moves(1, 2, True)] * 4)
+    made = {"stage": stage, "seed": 0, "board": board, "clearance_m": clearance, "half_fan_deg": 15.0, "n_sectors": 30}
+    made |= {"corridor_m": None, "avoid_corridors": False, "obstacles": obstacles}
+    made |= measures([Moves(1, 2)] * 4) | paper(board, obstacles)
     dqn, baseline = made["paper_dqn_mean"], made["paper_baseline_mean"]
     return made | {
         "optimum_mean": dqn + off.get("optimum", 0),
@@ -34,19 +37,19 @@ def row(obstacles: int = 3, point: Point = HERE, board: str = "3x6", stage: str 
 
 def measured(tmp_path: Path, rows: list[Row]) -> pd.DataFrame:
     """The study's points, a row a column."""
-    write_rows(tmp_path / "rows.csv", rows)
-    return sources_of(fakes.study("reach_sensitivity"), tmp_path, tmp_path)["points"].rows
+    pd.DataFrame(rows).to_csv(tmp_path / "reach_sensitivity.csv", index=False)
+    return sources_of(fakes.study("reach_sensitivity"), tmp_path / "gone", tmp_path)["points"].rows
 
 
 def test_a_row_counts_the_optimum_over_all_and_the_baseline_over_what_both_solve() -> None:
-    moves = [Moves(1, 2, True), Moves(3, 5, True), Moves(4, None, True), Moves(None, None, True)]
-    one = make_row(GRID, 0, "6x6", HERE, 5, [*moves, Moves(2, None, False)])
+    one = measures([Moves(1, 2), Moves(3, 5), Moves(4, None), Moves(None, None), Moves(2, None, tried=False)])
     assert (one["optimum_n"], one["optimum_solved"], one["optimum_mean"]) == (5, 0.8, 2.5)
     assert [one[name] for name in ("baseline_n", "baseline_solved", "baseline_mean")] == [4, 0.5, 3.5]
     assert one["both_optimum_mean"] == 2.0
-    assert one["optimum_sd"] == pytest.approx(math.sqrt(5 / 3))
+    assert one["optimum_sd"] == pytest.approx(math.sqrt(5 / 3), abs=1e-4)
     assert math.isnan(one["baseline_low"])
-    assert (one["paper_dqn_mean"], one["paper_baseline_sd"], one["n_sectors"]) == (2.1, 0.63, 30)
+    other = paper("6x6", 5)
+    assert (other["paper_dqn_mean"], other["paper_baseline_sd"]) == (2.1, 0.63)
 
 
 def test_distances_are_root_mean_squares_over_the_columns(tmp_path) -> None:
@@ -61,14 +64,14 @@ def test_distances_are_root_mean_squares_over_the_columns(tmp_path) -> None:
 def test_above_needs_more_than_the_interval_of_the_difference(tmp_path) -> None:
     half = math.hypot(0.2, 2.262 * 0.69 / math.sqrt(10))
     off = (half - 0.01, half + 0.01, -half - 0.01)
-    rows = [row(9, Point(r, 15.0, None, False), "6x6", optimum=by, half=0.2) for r, by in enumerate(off, 1)]
+    rows = [row(9, r, "6x6", optimum=by, half=0.2) for r, by in enumerate(off, 1)]
     assert measured(tmp_path, rows).above.tolist() == [False, True, False]
 
 
 def test_the_nearest_point_has_both_rows_near_in_units_of_the_least(tmp_path) -> None:
     """A point that no instance is left of has no rank; neither has what was measured again."""
     off = ((0.1, 4.0), (1.0, 2.0), (0.2, 2.4), (0.1, math.nan))
-    points = [Point(r, 15.0, None, False) for r in (0.1, 0.2, 0.3, 0.4)]
+    points = (0.1, 0.2, 0.3, 0.4)
     rows = [row(3, point, optimum=a, baseline=b) for point, (a, b) in zip(points, off, strict=True)]
     found = measured(tmp_path, [*rows, row(3, points[1], stage="check", optimum=0.01, baseline=0.01)])
     third = found.iloc[2]
@@ -77,28 +80,24 @@ def test_the_nearest_point_has_both_rows_near_in_units_of_the_least(tmp_path) ->
     assert found["rank"].fillna(0).tolist() == [1, 3, 2, 0, 0]
 
 
-def tiny(tmp_path: Path, *more: str) -> list[str]:
-    sizes = ["--instances", "5", "--baseline-instances", "5", "--obstacles", "3", "4"]
-    reaches = ["--clearance", "0.106", "0.142", "--fan", "30", "--corridor", "clearance", "0.16"]
-    return [str(tmp_path / "rows.csv"), *sizes, *reaches, *more]
+def measure(tmp_path: Path, *more: str) -> int:
+    sizes = ["instances=5", "baseline_instances=5", "obstacles=[3,4]"]
+    reaches = ["clearance=[0.106,0.142]", "fan=[30]", "corridor=[null,0.16]"]
+    return run(main, Options, [f"out={tmp_path / 'grid' / 'all'}", *sizes, *reaches, *more])
 
 
-def test_a_stopped_grid_goes_on_to_the_same_rows_and_a_page(tmp_path: Path) -> None:
-    main(tiny(tmp_path))
-    csv, again = tmp_path / "rows.csv", ["--stage", "check", "--seed", "1", "--clearance", "0.142", "--avoid", "no"]
-    assert len(read_rows(csv)) == 2 * 2 * 2 * 2 * 2
-    whole = csv.read_bytes()
-    write_rows(csv, [one for one in read_rows(csv) if one["board"] == "3x6"])
-    assert csv.read_bytes() != whole
-    main(tiny(tmp_path))
-    assert csv.read_bytes() == whole
-    main(tiny(tmp_path, *again, "--corridor", "clearance"))
-    assert len(read_rows(csv)) == 32 + 2 * 2
+def test_a_small_grid_and_its_page(tmp_path: Path) -> None:
+    assert measure(tmp_path) == 0
+    nearest = ["clearance=[0.142]", "corridor=[null]", "avoid=[false]", "seed=1"]
+    assert measure(tmp_path, f"out={tmp_path / 'check' / 'nearest'}", *nearest) == 0
+    grid = pd.read_csv(tmp_path / "grid" / "all" / "rows.csv")
+    assert (len(grid), grid.n_sectors.unique().tolist()) == (2 * 2 * 2 * 2 * 2, [60])
+    assert (grid.optimum_solved >= grid.baseline_solved).all()
+    assert (grid.both_optimum_mean <= grid.baseline_mean).all()
     spec, docs = fakes.study("reach_sensitivity"), tmp_path / "docs"
     page = results.write_page(spec, "reach_sensitivity", tmp_path, docs).read_text(encoding="utf-8")
     assert "2 reaches x 4 corridors on 3x6 and 6x6" in page
     assert " nan" not in page
-    assert (docs / "reach_sensitivity.csv").read_bytes() == csv.read_bytes()
     spec["folder"] = str(tmp_path / "gone")
     assert results.write_page(spec, "reach_sensitivity", None, docs).read_text(encoding="utf-8") == page
 
@@ -106,34 +105,17 @@ def test_a_stopped_grid_goes_on_to_the_same_rows_and_a_page(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("more", "named"),
     [
-        (["--seed", "7"], "holds rows of other arguments"),
-        (["--baseline-instances", "6"], "--baseline-instances: got 6, want 5 at most"),
-        (["--instances", "0"], "--instances: got 0"),
-        (["--corridor", "-1"], "--corridor: got '-1', want"),
-        (["--corridor", "wide"], "--corridor: got 'wide', want"),
+        ("baseline_instances=6", "baseline_instances: got 6, want 5 at most"),
+        ("instances=0", "instances: got 0"),
+        ("corridor=[-1]", "corridor_m: got -1.0, want"),
+        ("corridor=[wide]", "corridor[0]: Value 'wide'"),
+        ("clearance=[-1]", "clearance_m: got -1.0, want"),
+        ("obstacles=[2]", "obstacles: got 2, want"),
     ],
 )
-def test_bad_arguments_are_one_line_and_exit_code_2(tmp_path, capsys, more: list[str], named: str) -> None:
-    write_rows(tmp_path / "rows.csv", [row(point=Point(0.106, 30.0, None, False))])
-    with pytest.raises(SystemExit) as ended:
-        main(tiny(tmp_path, *more))
-    assert ended.value.code == 2
+def test_bad_arguments_are_one_line_and_exit_code_2(tmp_path: Path, capsys, more: str, named: str) -> None:
+    assert measure(tmp_path, more) == 2
     assert named in capsys.readouterr().err.splitlines()[-1]
-
-
-@pytest.mark.parametrize("text", ["", "stage,seed\n", "damaged"])
-def test_a_damaged_csv_is_named(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "rows.csv"
-    write_rows(path, [row()])
-    path.write_text(path.read_text().replace("grid,0", "grid,x") if text == "damaged" else text)
-    with pytest.raises(InputError, match=r"rows\.csv"):
-        read_rows(path)
-
-
-def test_the_committed_rows_are_written_as_they_are_read(tmp_path: Path) -> None:
-    committed = ROOT / "docs/results/reach_sensitivity.csv"
-    write_rows(tmp_path / "rows.csv", read_rows(committed))
-    assert (tmp_path / "rows.csv").read_bytes() == committed.read_bytes()
 
 
 def test_paper_fit_is_the_nearest_point_and_is_what_was_measured_again() -> None:
@@ -147,7 +129,7 @@ def test_paper_fit_is_the_nearest_point_and_is_what_was_measured_again() -> None
     assert (baseline["corridor_m"], baseline["avoid_corridors"]) == (None, best.avoid_corridors)
     assert math.isnan(best.corridor_m)
     assert set(again.reach + again.corridors) == {best.reach + best.corridors}
-    assert spec["given"]["nearest"] == ["--clearance=0.19", "--fan=20", "--corridor=clearance", "--avoid=no"]
+    assert spec["given"]["nearest"] == ["clearance=[0.19]", "fan=[20]", "corridor=[null]", "avoid=[false]"]
     assert best.reach == "0.19 20.0"
 
 
