@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -94,6 +95,13 @@ def locked(folder: Path, name: str) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def write_record(path: Path, record: Mapping[str, Any]) -> None:
+    """Record something of a run in a JSON file."""
+    with atomic_write(path) as file:
+        json.dump(record, file, indent=2)
+        file.write("\n")
 
 
 def read_record(path: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from dore.errors import InputError
 REFUSALS = ("can't allocate memory", "not enough memory", "Cannot allocate memory")
 
 
-class OutOfMemory(InputError):
+class NotEnoughMemory(InputError):
     """Something in the config takes more memory than there is: names the key to lower, and its value."""
 
 
@@ -22,7 +22,7 @@ def memory_for(key: str, value: object) -> Iterator[None]:
     """What the block allocates grows with a config's key.
 
     Raises:
-        OutOfMemory: it did not fit, on the CPU or on a CUDA device.
+        NotEnoughMemory: it did not fit, on the CPU or on a CUDA device.
     """
     try:
         yield
@@ -32,4 +32,4 @@ def memory_for(key: str, value: object) -> Iterator[None]:
         )
         if not refused:
             raise
-        raise OutOfMemory(f"{key}: {value} takes more memory than there is, want less") from None
+        raise NotEnoughMemory(f"{key}: {value} takes more memory than there is, want less") from None

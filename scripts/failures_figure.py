@@ -53,7 +53,7 @@ def draw(path: Path, columns: Sequence[Sequence[Board]]) -> None:
     ]
     look = {"ncols": 4, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
     figure.legend(handles=handles, loc="outside lower center", **look)
-    style.save_png(figure, path)
+    style.save_figure(figure, path)
 
 
 def _sides(board: Board) -> list[tuple[str, NDArray[np.uint8]]]:

@@ -83,8 +83,9 @@ def _check_groups(overrides: list[str]) -> int:
     return ExitCode.OK
 
 
-def _command(name: str) -> Callable[[DictConfig], int]:
+def _run_command(name: str, cfg: DictConfig) -> int:
     """`NAME_command` of dore.app.NAME; imported only after the config is composed, so that --help answers at once."""
+    trust_command_line(cfg)
     try:
         module = import_module(f"dore.app.{name}")
     except ModuleNotFoundError as error:
@@ -92,13 +93,8 @@ def _command(name: str) -> Callable[[DictConfig], int]:
             raise
         missing = f"needs the simulator, and {error.name} is not installed"
         raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
-    command: Callable[[DictConfig], int] = getattr(module, f"{name}_command")
-    return command
-
-
-def _run_command(name: str, cfg: DictConfig) -> int:
-    trust_command_line(cfg)
-    return _command(name)(cfg)
+    code: int = getattr(module, f"{name}_command")(cfg)
+    return code
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:

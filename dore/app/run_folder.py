@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import math
 import os
 import shutil
@@ -13,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TextIO, cast
+from typing import Any, cast
 
 import yaml
 from hydra.core.hydra_config import HydraConfig
@@ -23,7 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dore.configure import check_classes, leaves, renamed
 from dore.errors import InputError, path_of
-from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done
+from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done, write_record
 from dore.schema import named
 
 CHECKPOINT = "checkpoint.pt"
@@ -105,8 +103,7 @@ def write_config(folder: Path, cfg: DictConfig) -> None:
         file.write(OmegaConf.to_yaml(cfg, resolve=True))
     versions = {name: version(name) for name in _PACKAGES}
     about = {"started": time.strftime("%Y-%m-%dT%H:%M:%S%z"), "commit": commit(), "versions": versions}
-    with atomic_write(folder / ABOUT_FILE) as file:
-        json.dump(about, file, indent=2)
+    write_record(folder / ABOUT_FILE, about)
 
 
 def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) -> DictConfig:
@@ -160,12 +157,9 @@ def check_same(folder: Path, cfg: DictConfig) -> None:
 
 
 def mark_done(folder: Path, result: Mapping[str, Any]) -> None:
-    """Write the file that says a run has ended, and how."""
-    finite = {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in result.items()
-    }
-    with atomic_write(folder / DONE_FILE) as file:
-        json.dump(finite, file, indent=2, allow_nan=False)
+    """Write the file that says a run has ended, and how; what is not finite is null."""
+    finite = {name: None if isinstance(one, float) and not math.isfinite(one) else one for name, one in result.items()}
+    write_record(folder / DONE_FILE, finite)
 
 
 def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -178,52 +172,3 @@ def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None
     if done["stop_reason"] == BUDGET and not out_of_time and done["episodes"] < training["max_episodes"]:
         return None
     return done
-
-
-def unmark_done(folder: Path) -> None:
-    """A run that is resumed has not ended."""
-    (folder / DONE_FILE).unlink(missing_ok=True)
-
-
-class MetricsLog:
-    """metrics.csv, a row at a time, flushed: a killed run keeps all but its last line.
-
-    Not TorchRL's CSVLogger (0.14): it writes a file for each figure, and cannot drop the rows after a checkpoint.
-    """
-
-    def __init__(self, path: Path, columns: tuple[str, ...], keep_until: int | None = None) -> None:
-        """keep_until: the iteration from which a run is resumed; later rows are dropped. None: a new file.
-
-        A new file is made with its first row.
-        """
-        self.path, self.columns = path, columns
-        self._file: TextIO | None = None
-        self.kept = [] if keep_until is None else self._rows_until(path, keep_until)
-        """The rows that were there, and are still."""
-        if keep_until is not None:
-            self._begin(self.kept)
-
-    def write(self, row: Mapping[str, object]) -> None:
-        """Add a row; None is left empty."""
-        file = self._file or self._begin([])
-        csv.DictWriter(file, self.columns).writerow(row)
-        file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        (self._file or self._begin([])).close()
-
-    def _begin(self, rows: Iterable[Mapping[str, object]]) -> TextIO:
-        with atomic_write(self.path) as file:
-            csv.DictWriter(file, self.columns).writeheader()
-            csv.DictWriter(file, self.columns).writerows(rows)
-        self._file = open(self.path, "a", encoding="utf-8", newline="")  # noqa: SIM115
-        return self._file
-
-    @staticmethod
-    def _rows_until(path: Path, iteration: int) -> list[dict[str, str]]:
-        if not path.exists():
-            return []
-        with open(path, encoding="utf-8", errors="replace", newline="") as file:
-            rows = list(csv.DictReader(file))
-        return [row for row in rows if (row["iteration"] or "").isdigit() and int(row["iteration"]) <= iteration]

@@ -17,7 +17,8 @@ from torchrl.record.loggers import Logger
 from tqdm import tqdm
 
 from dore.app.build import MODEL
-from dore.app.run_folder import CHECKPOINT, MetricsLog, mark_done
+from dore.app.metrics import MetricsLog
+from dore.app.run_folder import CHECKPOINT, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import METRICS_FILE
@@ -26,31 +27,9 @@ from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for
 
-METRIC_COLUMNS = (
-    "iteration",
-    "env_steps",
-    "episodes",
-    "updates",
-    "seconds",
-    "epsilon",
-    "loss",
-    "success",
-    "rearrangements",
-    "target_success",
-    "env_steps_per_s",
-)
-TEST_COLUMNS = ("success", "rearrangements")
-"""What an IPT measures: of all worlds, and of each where there are several."""
 CURVE = "learning_curve.png"
 PRINT_S = 30.0
 """Seconds between two lines of progress where there is no terminal to draw a bar on."""
-
-
-def columns_of(trainer: Trainer) -> tuple[str, ...]:
-    """metrics.csv's columns: `METRIC_COLUMNS`, and each world's success and moves where there are several."""
-    if len(trainer.worlds) == 1:
-        return METRIC_COLUMNS
-    return (*METRIC_COLUMNS, *(f"{column}_{name}" for column in TEST_COLUMNS for name in trainer.worlds))
 
 
 def _log_row(logger: Logger, row: Mapping[str, Any]) -> None:
@@ -77,10 +56,13 @@ class Session:
         plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
         self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
         progress = trainer.progress
+        self._mark = (time.perf_counter(), progress.env_steps)
         self.best = BEST_NAME if trainer.budget.keep == "last" else MODEL_NAME
         if resumed:
             self._recall_best()
-        self.metrics = MetricsLog(folder / METRICS_FILE, columns_of(trainer), progress.iteration if resumed else None)
+        self.metrics = MetricsLog(
+            folder / METRICS_FILE, tuple(self._row(None)), progress.iteration if resumed else None
+        )
         self.loggers: Mapping[str, Logger] = {name: make(node, f"logger {name}") for name, node in cfg.loggers.items()}
         for logger in self.loggers.values():
             if getattr(logger, "starts_over", False):
@@ -93,7 +75,6 @@ class Session:
         self._printed_at = time.perf_counter()
         self._stop = False
         self._saved_at = time.perf_counter()
-        self._mark = (time.perf_counter(), progress.env_steps)
 
     def run(self) -> StopReason:
         """Train to the end, or until asked to stop; leave a checkpoint either way.
@@ -114,8 +95,7 @@ class Session:
                 signal.signal(number_, handler)
             self.bar.close()
         self._conclude(reason)
-        self.metrics.close()
-        if self.trainer.progress.env_steps:
+        if self.trainer.progress.env_steps and self.metrics.path.exists():
             draw_learning_curve(self.folder / METRICS_FILE, self.folder / CURVE)
         return reason
 
@@ -158,10 +138,13 @@ class Session:
             self._save_checkpoint()
 
     def _report_fill(self, progress: Progress) -> None:
-        how = f"filling the replay: {progress.filled:,} of {self.trainer.to_fill:,} transitions"
+        self._show(f"filling the replay: {progress.filled:,} of {self.trainer.to_fill:,} transitions")
+
+    def _show(self, how: str, before: str = "") -> None:
+        """How the run is: on the bar, or as a line now and then, with what a bar would show `before` it."""
         self.bar.set_postfix_str(how)
         if self.bar.disable and time.perf_counter() - self._printed_at > PRINT_S:
-            print(how, flush=True)
+            print(f"{before}{how}", flush=True)
             self._printed_at = time.perf_counter()
 
     def _keep_best(self, tested: TestResult) -> None:
@@ -177,13 +160,13 @@ class Session:
         if kept is not None and (progress.best_cost is None or kept.cost < progress.best_cost):
             progress.best_success, progress.best_cost = kept
 
-    def _log(self, progress: Progress, tested: TestResult | None) -> None:
-        now, steps = time.perf_counter(), progress.env_steps
-        rate = (steps - self._mark[1]) / max(now - self._mark[0], 1e-9)
-        self._mark = (now, steps)
+    def _row(self, tested: TestResult | None) -> dict[str, float | None]:
+        """A row of metrics.csv; where there are several worlds, with what an IPT measured on each."""
+        progress, (then, steps_then) = self.trainer.progress, self._mark
+        rate = (progress.env_steps - steps_then) / max(time.perf_counter() - then, 1e-9)
         row: dict[str, float | None] = {
             "iteration": progress.iteration,
-            "env_steps": steps,
+            "env_steps": progress.env_steps,
             "episodes": progress.episodes,
             "updates": progress.updates,
             "seconds": round(progress.seconds, 3),
@@ -194,18 +177,24 @@ class Session:
             "target_success": self.trainer.target_success,
             "env_steps_per_s": round(rate, 1),
         }
-        if tested is not None and len(tested.by_world) > 1:
-            for name, result in tested.by_world.items():
-                row.update({f"{column}_{name}": getattr(result, column) for column in TEST_COLUMNS})
+        if len(self.trainer.worlds) > 1:
+            for column in ("success", "rearrangements"):
+                for name in self.trainer.worlds:
+                    row[f"{column}_{name}"] = getattr(tested.by_world[name], column) if tested else None
+        return row
+
+    def _log(self, progress: Progress, tested: TestResult | None) -> None:
+        row = self._row(tested)
+        self._mark = (time.perf_counter(), progress.env_steps)
         self.metrics.write(row)
         for logger in self.loggers.values():
             _log_row(logger, row)
         success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
-        how = f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, {rate:,.0f} steps/s"
-        self.bar.set_postfix_str(how)
-        if self.bar.disable and now - self._printed_at > PRINT_S:
-            print(f"{progress.episodes} episodes in {progress.seconds:.0f} s: {how}", flush=True)
-            self._printed_at = now
+        self._show(
+            f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, "
+            f"{row['env_steps_per_s']:,.0f} steps/s",
+            before=f"{progress.episodes} episodes in {progress.seconds:.0f} s: ",
+        )
 
     def _save_checkpoint(self) -> None:
         self.trainer.check_weights()

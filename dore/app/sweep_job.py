@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import json
 import os
 import signal
 import subprocess
@@ -23,7 +22,7 @@ from dore.app.run_folder import check_same, finished
 from dore.app.sweep import JOBS, STOP, SWEEPING, JobResult, results
 from dore.configure import trust_command_line
 from dore.errors import ExitCode, InputError
-from dore.files import atomic_write
+from dore.files import write_record
 
 POLL_S = 0.2
 
@@ -74,8 +73,7 @@ def run_job(cfg: DictConfig) -> float | None:
         result = _run(job, cfg, log)
         print(f"{job.name}: {'finished before, ' if result.before else ''}{result.message}", flush=True)
         digest = hashlib.sha256(" ".join(job.overrides).encode()).hexdigest()
-        with atomic_write(records / f"{digest[:16]}.json") as file:
-            json.dump(asdict(result), file, indent=2)
+        write_record(records / f"{digest[:16]}.json", asdict(result))
     if job.abandoned:
         os._exit(ExitCode.STOPPED)  # A worker would wait without end for its result to be taken.
     return result.success

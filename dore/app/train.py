@@ -16,7 +16,7 @@ from dore.errors import ExitCode, InputError, path_of
 from dore.files import DONE_FILE, METRICS_FILE, locked
 from dore.learn.checkpoint import load_checkpoint
 from dore.learn.trainer import Diverged, StopReason, Trainer
-from dore.memory import OutOfMemory
+from dore.memory import NotEnoughMemory
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)
 
@@ -55,7 +55,7 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
             used = f"{done.episodes} episodes and {done.seconds:.0f} s"
             print(f"{folder}: the budget is used up ({used}); training.max_episodes=... adds to it")
             return ExitCode.OK
-        run_folder.unmark_done(folder)
+        (folder / DONE_FILE).unlink(missing_ok=True)
         run_folder.write_config(folder, cfg)
         return _run(Session(trainer, folder, cfg, resumed=True))
 
@@ -64,7 +64,7 @@ def _load(trainer: Trainer, checkpoint: Path) -> None:
     state = load_checkpoint(checkpoint)
     try:
         trainer.load_state_dict(state)
-    except OutOfMemory:
+    except NotEnoughMemory:
         raise
     except (RuntimeError, KeyError, ValueError, TypeError) as error:
         why = str(error).splitlines()[0]

@@ -30,7 +30,7 @@ from dore.draw.board_art import (
     extent,
     on_paper,
 )
-from dore.draw.style import INK, save_png
+from dore.draw.style import INK, save_figure
 from dore.world.plan import Move, Plan, replay
 from dore.world.problem import Problem, Scene, cell_id
 
@@ -114,7 +114,7 @@ def draw_plan(problem: Problem, plan: Plan, path: str | os.PathLike[str]) -> Non
         0.5, 1 - HEAD_INCH / 2 / size[1], title, ha="center", va="center", fontsize=11, color=INK, weight="bold"
     )
     draw_legend(figure, tuple(LEGEND), columns=4)
-    save_png(figure, path)
+    save_figure(figure, path)
 
 
 def panel_pixels(

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
 
-from dore.draw.style import BLUE, FAINT, GREEN, INK, RED, plain, save_png
+from dore.draw.style import BLUE, FAINT, GREEN, INK, RED, plain, save_figure
 from dore.errors import InputError
 
 LINES = {"success": ("IPT success (%)", GREEN, 100), "loss": ("loss", RED, 1), "epsilon": ("epsilon", BLUE, 1)}
@@ -40,7 +40,7 @@ def draw_learning_curve(csv_path: str | os.PathLike[str], png_path: str | os.Pat
     axes[2].xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
     axes[2].set_xlabel("env steps", fontsize=9, color=INK)
     figure.align_ylabels(axes)
-    save_png(figure, png_path)
+    save_figure(figure, png_path)
 
 
 def _mark_target(axes: Axes, wanted: float) -> None:

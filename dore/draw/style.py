@@ -26,7 +26,7 @@ def plain(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def save_png(figure: Figure, path: str | os.PathLike[str], dpi: int = DPI) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: int = DPI) -> None:
     """Write the figure; an interruption leaves the old file, or none.
 
     Raises:

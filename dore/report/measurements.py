@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from dore.errors import InputError
-from dore.files import ABOUT_FILE, ROWS_FILE, atomic_write, commit
+from dore.files import ABOUT_FILE, ROWS_FILE, atomic_write, commit, write_record
 
 
 def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]] | pd.DataFrame, /, **about: Any) -> None:
@@ -30,7 +29,7 @@ def write_measurements(folder: Path, rows: Sequence[Mapping[str, Any]] | pd.Data
         raise InputError(f"{folder}: got no rows, want one or more")
     folder.mkdir(parents=True, exist_ok=True)
     known = {"commit": commit(), "versions": {"torch": version("torch")}, "machine": platform.machine()}
-    with atomic_write(folder / ABOUT_FILE) as file:
-        json.dump(known | {"cores": os.cpu_count(), "load": f"{os.getloadavg()[0]:.2f}"} | about, file, indent=2)
+    load = {"cores": os.cpu_count(), "load": f"{os.getloadavg()[0]:.2f}"}
+    write_record(folder / ABOUT_FILE, {**known, **load, **about})
     with atomic_write(folder / ROWS_FILE) as file:
         pd.DataFrame(rows).to_csv(file, index=False, lineterminator="\n")

@@ -142,7 +142,7 @@ def _line(rows: pd.DataFrame, of: str, to: str, what: str) -> Estimate:
     return Estimate(len(rows), float(getattr(stats.linregress(x, y), what)) if x.nunique() > 1 else math.nan)
 
 
-def count(rows: pd.DataFrame) -> Estimate:
+def row_count(rows: pd.DataFrame) -> Estimate:
     """How many rows."""
     return Estimate(len(rows), float(len(rows)))
 

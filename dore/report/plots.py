@@ -41,7 +41,7 @@ def draw(path: Path, spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Sour
         raise InputError(f"figures: kind {kind!r}, want one of {', '.join(FIGURES)}")
     figure = FIGURES[kind](spec, cells, sources)
     if figure is not None:
-        style.save_png(figure, path)
+        style.save_figure(figure, path)
 
 
 def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:

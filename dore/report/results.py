@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from dore.errors import InputError
-from dore.files import atomic_write, read_record
+from dore.files import atomic_write, read_record, write_record
 from dore.report import page, plots
 from dore.report.cells import read_cells, write_cells
 from dore.report.facts import facts_of
@@ -42,9 +41,7 @@ def write_page(spec: Spec, name: str, root: Path | None, results: Path) -> Path:
                 source_of(one, source, folder).rows.to_csv(file, index=False, lineterminator="\n")
         if not kept:
             write_cells(results / f"{name}.csv", cells)
-        with atomic_write(results / f"{name}.json") as file:
-            json.dump(facts, file, indent=2)
-            file.write("\n")
+        write_record(results / f"{name}.json", facts)
     text = page.render(spec, cells, facts, sources)
     for figure in spec.get("figures", []):
         plots.draw(results / figure["file"], figure, cells, sources)

@@ -87,7 +87,7 @@ def test_an_unknown_group_in_a_models_config_is_refused(tmp_path):
         ),
         *(
             "torch.nn.modules.linear.os.remove",
-            "dore.app.run_folder.MetricsLog",
+            "dore.app.metrics.MetricsLog",
             "torchrl.data.datasets.D4RLExperienceReplay",
         ),
     ],

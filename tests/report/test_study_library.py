@@ -82,8 +82,8 @@ def test_pairs_are_of_the_same_instances(two):
     [
         ({"measure": "luck"}, "measure: got 'luck', want a function of dore.report.measures"),
         ({"measure": "mean", "of": "lengths"}, "of: 'lengths'"),
-        ({"measure": "count", "where": "planer == 'a'"}, r"tables.t.cells.0.where: .*planer"),
-        ({"measure": "count", "row": "{planer}"}, r"tables.t.cells.0: no 'planer'"),
+        ({"measure": "row_count", "where": "planer == 'a'"}, r"tables.t.cells.0.where: .*planer"),
+        ({"measure": "row_count", "row": "{planer}"}, r"tables.t.cells.0: no 'planer'"),
         ({"paper": "table 9", "rows": {}}, "paper: got 'table 9', want one of"),
     ],
 )
@@ -98,10 +98,10 @@ def test_damaged_files_are_one_line(two):
     whole = path.read_text(encoding="utf-8")
     path.write_text(whole.replace(",36,", ",many,", 1), encoding="utf-8")
     with pytest.raises(InputError, match=r"rows.csv, line 2: n_cells 'many', want a number"):
-        cells_from(two, measure="count")
+        cells_from(two, measure="row_count")
     path.write_text(whole.replace("moves", "steps", 1), encoding="utf-8")
     with pytest.raises(InputError, match=r"rows.csv: no column moves"):
-        cells_from(two, measure="count")
+        cells_from(two, measure="row_count")
     with pytest.raises(InputError, match=r"none.csv: no such file"):
         cell_files.read_cells(two / "none.csv")
 
