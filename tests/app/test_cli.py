@@ -62,7 +62,7 @@ def said(capsys) -> str:
         (["log_every=0"], "log_every: got 0"),
         (["existing=maybe"], "existing: got 'maybe', want refuse or continue"),
         (["buffer.storage.max_size=1000000000000000"], "buffer.storage.max_size: 1000000000000000 takes more memory"),
-        (["env.num_envs=1000000000000"], "env.num_envs: 1000000000000 takes more memory than there is, want less"),
+        (["env.num_envs=1000000000000"], "env.num_envs: got 1000000000000, want 100000 at most"),
         (["checkpoint_minutes=-1"], "checkpoint_minutes: got -1"),
         (["seed=100000000000000000000"], "seed: got 100000000000000000000, want 4294967295 at most"),
         (["ipt.seed=abc"], "ipt.seed: got 'abc'"),
