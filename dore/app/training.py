@@ -11,10 +11,9 @@ from omegaconf import DictConfig
 from dore.app.build import WORLD, check_sections, reach_of, splits_of, use_threads
 from dore.configure import call, make
 from dore.errors import InputError, flag, number, seed_of, shown, whole
-from dore.learn.agents.common import Agent
+from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.budget import Budget
 from dore.learn.learner import Learner
-from dore.learn.model import agent_of
 from dore.learn.trainer import MAIN, Trainer
 from dore.learn.worlds import World
 from dore.memory import memory_for
@@ -47,7 +46,7 @@ def trainer_of(cfg: DictConfig) -> Trainer:
     for name, node in further.items():
         settings[str(name)] = _further_ground(str(name), node, cfg.device)
     torch.manual_seed(cfg.seed)
-    agent = agent_of(cfg, settings[MAIN][0])
+    agent = agent_from_config(cfg, settings[MAIN][0])
     learner = Learner(
         agent=agent,
         # The updater comes before the first loss: TorchRL warns otherwise.

@@ -25,10 +25,9 @@ SMALLEST, LARGEST = 128, 1024
 """Boards expanded together: few while a solution may be near, then as many as had that f before them."""
 PAIRS = 2048
 """Picks whose places are computed together, which bounds the memory of a step."""
-MEGABYTE = 2**20
 
 
-class Budget(NamedTuple):
+class SearchLimits(NamedTuple):
     """When to give an instance up; see `Exact`."""
 
     nodes: int
@@ -36,7 +35,7 @@ class Budget(NamedTuple):
     megabytes: float
 
 
-class _Step(NamedTuple):
+class _Expansion(NamedTuple):
     """Boards that are expanded together, N of them."""
 
     place: Tensor
@@ -53,15 +52,15 @@ class _Step(NamedTuple):
 class Search:
     """A* over some instances.
 
-    Boards wait in `line` under (excess, budget): by how much f is above their instance's first bound, and how many
+    Boards wait in `queue` under (excess, budget): by how much f is above their instance's first bound, and how many
     moves that leaves them.
     """
 
-    def __init__(self, reach: Reach, relaxation: DeleteRelaxation, budget: Budget, start: Batch) -> None:
-        self.reach, self.relaxation, self.budget, self.start = reach, relaxation, budget, start
+    def __init__(self, reach: Reach, relaxation: DeleteRelaxation, limits: SearchLimits, start: Batch) -> None:
+        self.reach, self.relaxation, self.limits, self.start = reach, relaxation, limits, start
         n, device = len(start.target), start.board.device
-        self.seen = SeenBoards(start.board.shape[-1], budget.megabytes * MEGABYTE, device)
-        self.line: dict[tuple[int, int], list[Tensor]] = {}
+        self.seen = SeenBoards(start.board.shape[-1], limits.megabytes, device)
+        self.queue: dict[tuple[int, int], list[Tensor]] = {}
         self.excess, self.taken = 0, 0
         self.alive = torch.ones(n, dtype=torch.bool, device=device)
         self.expansions = torch.zeros(n, dtype=torch.int64, device=device)
@@ -77,7 +76,7 @@ class Search:
         """Search until every instance has ended.
 
         Raises:
-            OutOfMemory: instances that have not ended are still alive.
+            SeenBoardsFull: instances that have not ended are still alive.
         """
         board, target = self.start
         row = torch.arange(len(target), device=target.device)
@@ -86,7 +85,7 @@ class Search:
         for budget in self.first_bound.unique().tolist():
             self._queue(0, budget, place[self.first_bound[self.seen.row[place]] == budget])
         self._charge(row)
-        while self.line and bool(self.alive.any()):
+        while self.queue and bool(self.alive.any()):
             excess, budget, place = self._next()
             if excess > 0 and not self.lock_tested:
                 self._test_locks()
@@ -119,13 +118,13 @@ class Search:
         self._end(shut, Status.UNSOLVABLE, LOCKED)
 
     def _work(self, excess: int, budget: int, place: Tensor) -> None:
-        """Expand boards with a budget; put their successors in line, and themselves unless nothing is left out."""
+        """Expand boards with a budget; queue their successors, and themselves unless nothing is left out."""
         seen = self.seen
         step = self._step(place)
         is_open = self.relaxation.open_corridors(step.board, step.target, step.corridors, step.blocking, budget)
         some = is_open.any(-1)
         self._queue(excess + 1, budget + 1, place[~some])
-        expanded, is_open = _Step(*(field[some] for field in step)), is_open[some]
+        expanded, is_open = _Expansion(*(field[some] for field in step)), is_open[some]
         self.expansions.index_add_(0, expanded.row, (seen.done[expanded.place] == 0).long())
         for board, source in self._successors(expanded, is_open, budget):
             row, parent = expanded.row[source], expanded.place[source]
@@ -142,7 +141,7 @@ class Search:
         self._queue(excess + 1, budget + 1, expanded.place[~complete])
         self._charge(step.row)
 
-    def _successors(self, step: _Step, is_open: Tensor, budget: int) -> Iterator[tuple[Tensor, Tensor]]:
+    def _successors(self, step: _Expansion, is_open: Tensor, budget: int) -> Iterator[tuple[Tensor, Tensor]]:
         """What the moves that a budget allows lead to: Int64[M, W], and Int64[M] from which board of the step.
 
         is_open: Bool[N, D], the corridors that may be freed within the budget.
@@ -162,29 +161,29 @@ class Search:
             pair, cell = place.nonzero(as_tuple=True)
             yield lifted[pair] | bit(cell, lifted.shape[-1]), some[pair]
 
-    def _step(self, place: Tensor) -> _Step:
+    def _step(self, place: Tensor) -> _Expansion:
         board, row = self.seen.board[place], self.seen.row[place]
         target = self.start.target[row]
         corridors = self.relaxation.corridors_of(target)
-        return _Step(place, board, row, target, corridors, count(board[:, None] & corridors))
+        return _Expansion(place, board, row, target, corridors, count(board[:, None] & corridors))
 
     def _queue(self, excess: int, budget: int, place: Tensor) -> None:
-        """Put boards in line."""
+        """Let boards wait for their turn."""
         if len(place):
-            self.line.setdefault((excess, budget), []).append(place)
+            self.queue.setdefault((excess, budget), []).append(place)
 
     def _next(self) -> tuple[int, int, Tensor]:
         """The boards to expand now: least f, then least budget; latest first."""
-        excess, budget = key = min(self.line)
+        excess, budget = key = min(self.queue)
         if excess > self.excess:
             self.excess, self.taken = excess, 0
-        waiting = torch.cat(self.line.pop(key))
+        waiting = torch.cat(self.queue.pop(key))
         size = min(LARGEST, max(SMALLEST, self.taken))
         self._queue(excess, budget, waiting[:-size])
         place = waiting[-size:]
         self.taken += len(place)
         row = self.seen.row[place]
-        # A board that was reached by fewer moves meanwhile stands in line elsewhere too.
+        # A board that was reached by fewer moves meanwhile is queued elsewhere too.
         current = self.seen.moves[place] == self.first_bound[row] + excess - budget
         return excess, budget, place[current & self.alive[row]]
 
@@ -197,13 +196,13 @@ class Search:
     def _over_time(self, row: Tensor) -> bool:
         """Whether the time since the last charge takes every instance among Int64[N] rows over its budget."""
         share = row.bincount(minlength=len(self.seconds)) * ((time.perf_counter() - self.clock) / len(row))
-        late = self.seconds + share >= self.budget.seconds
+        late = self.seconds + share >= self.limits.seconds
         return bool(late[row].all())
 
     def _spend(self) -> None:
         """Give up the instances whose budget is spent."""
-        self._end(self.expansions >= self.budget.nodes, Status.GAVE_UP, "node budget")
-        self._end(self.seconds >= self.budget.seconds, Status.GAVE_UP, "time budget")
+        self._end(self.expansions >= self.limits.nodes, Status.GAVE_UP, "node budget")
+        self._end(self.seconds >= self.limits.seconds, Status.GAVE_UP, "time budget")
 
     def _end(self, rows: Tensor, status: Status, why: str) -> None:
         """End those of Bool[n] instances that are alive."""

@@ -71,16 +71,8 @@ def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], plan
     plans = []
     for row, (raw_plan, problem) in enumerate(zip(raw_plans, problems_of(reach, start), strict=True)):
         moves = tuple(Move(*move, *degrees) for move, degrees in zip(raw_plan.moves, directions[row], strict=True))
-        plan = Plan(
-            raw_plan.status,
-            moves,
-            retrieve[row],
-            planner,
-            raw_plan.planning_s,
-            raw_plan.expansions,
-            raw_plan.optimal_moves,
-            raw_plan.reason,
-        )
+        # Seconds, expansions, optimum and reason are the same four in both.
+        plan = Plan(raw_plan.status, moves, retrieve[row], planner, *raw_plan[2:])
         try:
             replay(problem, plan)
         except PlanError as error:

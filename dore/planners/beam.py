@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.planners.visited_set import OutOfMemory, SeenBoards
+from dore.planners.visited_set import SeenBoards, SeenBoardsFull
 from dore.world.board import bit, unpack
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -45,7 +45,7 @@ class Beam:
     Args:
         start: boards and targets of instances whose target is not accessible.
         max_moves: Int64[n]: the longest plan that is looked for.
-        max_bytes: what the boards seen may take; a search that needs more ends there.
+        max_megabytes: what the boards seen may take, MiB; a search that needs more ends there.
         until: when to end, by `time.perf_counter`.
     """
 
@@ -56,13 +56,13 @@ class Beam:
         start: Batch,
         width: int,
         max_moves: Tensor,
-        max_bytes: float,
+        max_megabytes: float,
         until: float,
     ) -> None:
         self.reach, self.values, self.target = reach, values, start.target
         self.width, self.max_moves, self.until = width, max_moves, until
         n, device = len(start.target), start.board.device
-        self.seen = SeenBoards(start.board.shape[-1], max_bytes, device)
+        self.seen = SeenBoards(start.board.shape[-1], max_megabytes, device)
         row = torch.arange(n, device=device)
         self.layer = self.seen.add(start.board, row, torch.full_like(row, -1), torch.zeros_like(row))
         self.full = False
@@ -84,7 +84,7 @@ class Beam:
             self.layer = self.layer[unsolved & in_length]
             try:
                 self._expand()
-            except OutOfMemory:
+            except SeenBoardsFull:
                 self.full = True
                 break
             if time.perf_counter() >= self.until:
@@ -115,7 +115,7 @@ class Beam:
         lifted = lift(board[source], cell)
         place = accessibility(self.reach, lifted, target).place & ~unpack(board[source], self.reach.n_cells)
         self._finish(place & self._opens(lifted, target), self.layer[source], cell, row)
-        # Only the order of what goes on is asked of the network, which is most of the work.
+        # Only the order of those that continue is asked of the network, which is most of the work.
         going = (self.parent[row] < 0).nonzero().squeeze(-1)
         if not len(going):
             self.layer = self.layer[:0]
@@ -149,7 +149,7 @@ class Beam:
         self.last[row[some]] = torch.stack([pick[some], opens[some].long().argmax(-1)], -1)
 
     def _best(self, values: Tensor, row: Tensor) -> Tensor:
-        """Which moves go on: of each row the `width` most valued."""
+        """Which moves are kept: of each row the `width` most valued."""
         order = values.argsort(descending=True, stable=True)
         order = order[row[order].argsort(stable=True)]
         per_row = row.bincount(minlength=len(self.narrow))

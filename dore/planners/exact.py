@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dore.errors import number, whole
-from dore.planners.astar import Budget, Search
+from dore.planners.astar import Search, SearchLimits
 from dore.planners.base import RawPlan, checked_plans, parts_of
 from dore.planners.bounds import DeleteRelaxation
-from dore.planners.visited_set import OutOfMemory
+from dore.planners.visited_set import SeenBoardsFull
 from dore.world.plan import Plan
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -55,7 +55,7 @@ class Exact:
 
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float, max_memory_mb: float) -> None:
         self.reach = reach
-        self.budget = Budget(
+        self.limits = SearchLimits(
             nodes=whole("planners.exact.max_nodes", max_nodes, 1),
             seconds=number("planners.exact.max_seconds", max_seconds, above=0.0),
             megabytes=number("planners.exact.max_memory_mb", max_memory_mb, above=0.0),
@@ -64,20 +64,20 @@ class Exact:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances, `GROUP` at a time; see `Planner`."""
-        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._drafts(part)]
+        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._raw_plans(part)]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _drafts(self, part: Batch) -> list[RawPlan]:
+    def _raw_plans(self, part: Batch) -> list[RawPlan]:
         """Plan instances together, and those that do not fit into memory one by one."""
-        search = Search(self.reach, self.relaxation, self.budget, part)
+        search = Search(self.reach, self.relaxation, self.limits, part)
         try:
             search.run()
-        except OutOfMemory:
+        except SeenBoardsFull:
             waiting = search.alive.nonzero().squeeze(-1).tolist()
             if len(part.target) > 1:
                 done = search.raw_plans()
                 for row in waiting:
-                    (done[row],) = self._drafts(Batch(part.board[row, None], part.target[row, None]))
+                    (done[row],) = self._raw_plans(Batch(part.board[row, None], part.target[row, None]))
                 return done
             search.give_up(f"memory budget: {search.seen.size} boards seen")
         return search.raw_plans()

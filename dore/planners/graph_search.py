@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import number, whole
-from dore.planners.base import RawPlan, checked_plans
+from dore.planners.base import RawPlan, checked_plans, parts_of
 from dore.world.board import bit
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
@@ -19,7 +19,7 @@ from dore.world.rules import accessibility, lift, retrievable
 
 Node = tuple[int, ...]
 """A board's words, which the paper calls a state."""
-Step = tuple[Node, int, int]
+Edge = tuple[Node, int, int]
 """The node that a node was made from, and the move between them: (pick, place) cells, from 0."""
 
 
@@ -54,14 +54,14 @@ class GraphSearch:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """One plan an instance, planned one by one; see `Planner`."""
-        raw_plans = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
+        raw_plans = [self._raw_plan(*alone) for alone in parts_of(batch, 1)]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _draft(self, board: Tensor, target: Tensor) -> RawPlan:
+    def _raw_plan(self, board: Tensor, target: Tensor) -> RawPlan:
         """The plan of one instance: Int64[1, W], Int64[1]."""
         began = time.perf_counter()
         start: Node = tuple(board[0].tolist())
-        made_from: dict[Node, Step | None] = {start: None}
+        made_from: dict[Node, Edge | None] = {start: None}
         goal = start if bool(retrievable(self.reach, board, target)) else None
         waiting = deque([start])
         expansions, spent = 0, ""
@@ -104,7 +104,7 @@ class GraphSearch:
         return "time budget" if seconds >= self.max_seconds else ""
 
 
-def _moves(made_from: dict[Node, Step | None], node: Node) -> list[tuple[int, int]]:
+def _moves(made_from: dict[Node, Edge | None], node: Node) -> list[tuple[int, int]]:
     """The moves from the start to a node."""
     moves = []
     while (step := made_from[node]) is not None:

@@ -23,11 +23,10 @@ GROUP = 64
 """Instances searched together."""
 WIDER = 4
 """By how much a beam that found nothing, or may find a shorter plan, is widened."""
-MEGABYTE = 2**20
 
 
 @dataclass
-class _Search:
+class _Attempt:
     """How far the work on one instance is. fewest: no plan is shorter; proved: of the moves, or that there are none."""
 
     fewest: int
@@ -99,18 +98,18 @@ class Guided:
         self.max_nodes = whole("planners.guided.max_nodes", max_nodes, 1)
         self.max_seconds = number("planners.guided.max_seconds", max_seconds, above=0.0)
         self.max_moves = max_moves
-        self.max_bytes = MEGABYTE * number("planners.guided.max_memory_mb", max_memory_mb, above=0.0)
+        self.max_megabytes = number("planners.guided.max_memory_mb", max_memory_mb, above=0.0)
         self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12)
         self.relaxation = DeleteRelaxation(reach)
 
     def plan(self, batch: Batch) -> list[Plan]:
         """All instances, `GROUP` at a time; see `Planner`."""
-        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._drafts(part)]
+        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._raw_plans(part)]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _drafts(self, start: Batch) -> list[RawPlan]:
+    def _raw_plans(self, start: Batch) -> list[RawPlan]:
         began = time.perf_counter()
-        searches = [_Search(fewest) for fewest in fewest_blocking(self.reach, start).tolist()]
+        searches = [_Attempt(fewest) for fewest in fewest_blocking(self.reach, start).tolist()]
         for search, is_open in zip(searches, retrievable(self.reach, *start).tolist(), strict=True):
             if is_open:
                 search.moves, search.proved, search.over = [], True, True
@@ -129,7 +128,7 @@ class Guided:
         return [search.raw_plan() for search in searches]
 
     def _widen(
-        self, start: Batch, searches: list[_Search], alive: list[int], width: int, longest: int, began: float
+        self, start: Batch, searches: list[_Attempt], alive: list[int], width: int, longest: int, began: float
     ) -> None:
         """One beam for those that are alive: any plan, or a shorter one than is known."""
         ongoing = [searches[row] for row in alive]
@@ -138,7 +137,7 @@ class Guided:
         rows = torch.tensor(alive, device=start.target.device)
         part = Batch(start.board[rows], start.target[rows])
         limit, until = torch.tensor(most, device=rows.device), began + max(left) * len(alive)
-        found = Beam(self.reach, self.agent.move_values, part, width, limit, self.max_bytes, until).run()
+        found = Beam(self.reach, self.agent.move_values, part, width, limit, self.max_megabytes, until).run()
         for one, moves, narrow, cut, expansions, boards, full in zip(ongoing, *found, strict=True):
             one.expansions += expansions
             if moves is not None:
@@ -150,7 +149,7 @@ class Guided:
             if full:
                 one.spent = "memory budget"
 
-    def _refuse_locked(self, start: Batch, searches: list[_Search]) -> None:
+    def _refuse_locked(self, start: Batch, searches: list[_Attempt]) -> None:
         """End the instances that no wider beam is needed for."""
         rows = [row for row, search in enumerate(searches) if search.moves is None and not search.proved]
         if not rows:
@@ -159,7 +158,7 @@ class Guided:
         for row in (row for row, shut in zip(rows, locked, strict=True) if shut):
             searches[row].proved, searches[row].refusal = True, LOCKED
 
-    def _judge(self, search: _Search) -> None:
+    def _judge(self, search: _Attempt) -> None:
         """Whether the work on an instance is over."""
         if search.expansions >= self.max_nodes:
             search.spent = "node budget"

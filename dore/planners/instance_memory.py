@@ -32,7 +32,7 @@ class InstanceMemory(ReplayBuffer):
     """Transitions of one instance, the boards they reach, and the shortest way to the target that they make up.
 
     The paper does not say how its memory is made. Here as in Go-Explore (Ecoffet and others, 2021): most episodes
-    start at a board that was reached before (`Returning`), so that exploring goes on from there; and once an episode
+    start at a board that was reached before (`Returning`), so that exploring continues from there; and once an episode
     has ended at the target, half of each sample is the way to it, pieced together from the transitions of many
     episodes.
 

@@ -7,9 +7,8 @@ import time
 
 from dore.configure import make
 from dore.errors import InputError, path_of, whole
-from dore.learn.agents.common import Agent
+from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
-from dore.learn.model import agent_of
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.planners.base import RawPlan, checked_plans
 from dore.world.episode import MAX_MOVES
@@ -47,7 +46,7 @@ class Learned:
         config = dict(self._config)
         if self.reach.mirror is None and isinstance(config.get("agent"), dict):
             config["agent"] = {**config["agent"], "symmetry": False}
-        agent = agent_of(config, self.reach)
+        agent = agent_from_config(config, self.reach)
         if not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
             trained_on: Layout = make(self._config.get("layout"), f"{self._file}: layout")
             wanted, given = trained_on.to_dict(), self.reach.layout.to_dict()

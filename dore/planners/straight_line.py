@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, flag, number, whole
-from dore.planners.base import RawPlan, checked_plans
+from dore.planners.base import RawPlan, checked_plans, parts_of
 from dore.world import board as boards
 from dore.world.episode import MAX_MOVES
 from dore.world.layout import Layout
@@ -22,7 +22,7 @@ from dore.world.rules import legal_places, lift
 
 
 class GiveUp(StrEnum):
-    """Why the baseline cannot go on."""
+    """Why the baseline cannot continue."""
 
     NO_PLACE = "no place"
     """No cell is open to the picked obstacle, or each would bring an earlier board back."""
@@ -49,7 +49,7 @@ class StraightLine:
     Not in the paper, which does not say:
     - where the corridor is clear and VFH+ still finds no way (it needs room beside the cell), what blocks the
       approach nearest the straight line is removed too, unless the target is what blocks it;
-    - where it cannot go on, it takes the target if that is accessible by then;
+    - where it cannot continue, it takes the target if that is accessible by then;
     - no move brings an earlier board back; with the move budget, this keeps the method from looping;
     - of two farthest cells the one with the lower id is taken.
 
@@ -96,10 +96,10 @@ class StraightLine:
 
     def plan(self, batch: Batch) -> list[Plan]:
         """One plan an instance, planned one by one; see `Planner`."""
-        raw_plans = [self._draft(batch.board[row, None], batch.target[row, None]) for row in range(len(batch.target))]
+        raw_plans = [self._raw_plan(*alone) for alone in parts_of(batch, 1)]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
-    def _draft(self, board: Tensor, target: Tensor) -> RawPlan:
+    def _raw_plan(self, board: Tensor, target: Tensor) -> RawPlan:
         """The plan of one instance: Int64[1, W], Int64[1]."""
         began = time.perf_counter()
         clearing = _Clearing(self, board, target)

@@ -1,6 +1,6 @@
 """The boards that a search over many instances has seen, as growing tensors.
 
-N denotes boards handed over at once, W the words of a board. A row is an instance of the batch.
+N denotes boards given at once, W the words of a board. A row is an instance of the batch.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from torch import Tensor
 
 from dore.world.board import WORD, same, unpack
 
+MEBIBYTE = 2**20
 
-class OutOfMemory(Exception):
+
+class SeenBoardsFull(Exception):
     """The cap on what may be kept would be passed."""
 
 
@@ -28,16 +30,16 @@ class SeenBoards:
 
     Args:
         words: W.
-        max_bytes: what the tensors here may take.
+        max_megabytes: what the tensors here may take, MiB.
     """
 
     BYTES_A_BOARD = 8 * (2 + 2 + 1 + 1 + 1 + 1)
     """Kept for each board beside its words: key and place in its run, twice while runs merge; row, parent, moves,
     done."""
 
-    def __init__(self, words: int, max_bytes: float, device: torch.device) -> None:
+    def __init__(self, words: int, max_megabytes: float, device: torch.device) -> None:
         # Growing by half needs the old tensors beside the new ones.
-        self.capacity = int(max_bytes / (self.BYTES_A_BOARD + 8 * words) / 1.5)
+        self.capacity = int(max_megabytes * MEBIBYTE / (self.BYTES_A_BOARD + 8 * words) / 1.5)
         self.size = 0
         self.board = torch.empty(0, words, dtype=torch.int64, device=device)
         self.row, self.parent, self.moves, self.done = torch.empty(4, 0, dtype=torch.int64, device=device)
@@ -53,7 +55,7 @@ class SeenBoards:
             Int64[M]: the places of those that were kept.
 
         Raises:
-            OutOfMemory: they do not fit; nothing has been kept.
+            SeenBoardsFull: they do not fit; nothing has been kept.
         """
         order, first = distinct(board, row)
         board, row, parent, moves = board[order], row[order], parent[order], moves[order]
@@ -123,7 +125,7 @@ class SeenBoards:
     def _grow(self, n: int) -> None:
         """Make room for `n` boards more."""
         if self.size + n > self.capacity:
-            raise OutOfMemory
+            raise SeenBoardsFull
         room = len(self.row)
         if self.size + n > room:
             more = min(self.capacity, max(self.size + n, room + room // 2, 4096)) - room

@@ -30,7 +30,7 @@ PLAN_FORMAT = "dore-plan/1"
 Id = Annotated[int, Meta(ge=1, le=MAX_CELLS)]
 
 
-class _ReachFields(msgspec.Struct, forbid_unknown_fields=True):
+class _ReachFields(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     clearance_m: float
     half_fan_deg: float
     n_sectors: int
@@ -59,7 +59,7 @@ class _SceneFields(msgspec.Struct, forbid_unknown_fields=True):
         return Scene(Layout.from_dict(self.layout), tuple(cell - 1 for cell in self.obstacles), self.target - 1)
 
 
-class _PlanFields(_SceneFields, forbid_unknown_fields=True, kw_only=True):
+class _PlanFields(_SceneFields, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """A plan file: a scene's fields, and these."""
 
     reach: _ReachFields
@@ -99,11 +99,6 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         return _read(path, (SCENE_FORMAT, PLAN_FORMAT)).scene()
 
 
-def write_scene(path: str | os.PathLike[str], scene: Scene) -> None:
-    """Write a scene file."""
-    _write(path, {"format": SCENE_FORMAT, **_scene_fields(scene)})
-
-
 def read_plan(path: str | os.PathLike[str]) -> PlanFile:
     """A plan file, replayed before it is returned.
 
@@ -125,28 +120,26 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
         PlanError: it does not.
     """
     replay(file.problem, file.plan)
-    plan = file.plan
-    fields: dict[str, Any] = {
-        "format": PLAN_FORMAT,
-        **_scene_fields(file.scene),
-        "reach": file.reach.to_dict(),
-        "status": str(plan.status),
-        "moves": [
-            {
-                "pick": cell_id(move.pick),
-                "place": cell_id(move.place),
-                "pick_direction_deg": move.pick_direction_deg,
-                "place_direction_deg": move.place_direction_deg,
-            }
+    scene, plan = file.scene, file.plan
+    fields = _PlanFields(
+        PLAN_FORMAT,
+        scene.layout.to_dict(),
+        [cell_id(cell) for cell in scene.obstacles],
+        cell_id(scene.target),
+        reach=_ReachFields(**file.reach.to_dict()),
+        status=plan.status,
+        moves=[
+            _MoveFields(cell_id(move.pick), cell_id(move.place), move.pick_direction_deg, move.place_direction_deg)
             for move in plan.moves
         ],
-        "target_direction_deg": plan.target_direction_deg,
-        "planner": plan.planner,
-        "planning_s": round(plan.planning_s, 6),
-    }
-    if plan.optimal_moves is not None:
-        fields["optimal_moves"] = plan.optimal_moves
-    _write(path, fields)
+        target_direction_deg=plan.target_direction_deg,
+        planner=plan.planner,
+        planning_s=round(plan.planning_s, 6),
+        optimal_moves=plan.optimal_moves,
+    )
+    with atomic_write(path) as text:
+        json.dump(msgspec.to_builtins(fields), text, indent=2)
+        text.write("\n")
 
 
 def write_tensors(path: str | os.PathLike[str], tensors: dict[str, Tensor], header: dict[str, str]) -> None:
@@ -200,17 +193,3 @@ def _read(path: str | os.PathLike[str], formats: tuple[str, ...]) -> Any:
     if found not in formats:
         raise InputError(f"format {shown(found)}, want {' or '.join(formats)}")
     return checked(data, KINDS[found])
-
-
-def _write(path: str | os.PathLike[str], fields: dict[str, Any]) -> None:
-    with atomic_write(path) as file:
-        json.dump(fields, file, indent=2)
-        file.write("\n")
-
-
-def _scene_fields(scene: Scene) -> dict[str, Any]:
-    return {
-        "layout": scene.layout.to_dict(),
-        "obstacles": [cell_id(cell) for cell in scene.obstacles],
-        "target": cell_id(scene.target),
-    }

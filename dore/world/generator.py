@@ -8,7 +8,6 @@ its way an episode does stand on such boards, as on any others: docs/results/tru
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -56,33 +55,40 @@ class Difficulty:
             )
 
 
-class InstanceSource(Protocol):
-    """Where an environment's episodes come from."""
+class InstanceSource:
+    """Where an environment's episodes come from; its choices are those of a generator of its own."""
+
+    def __init__(self, seed: int, device: torch.device | str = "cpu") -> None:
+        self.generator = torch.Generator(device).manual_seed(seed)
 
     def draw(self, n: int) -> Batch:
         """The next `n` instances."""
+        raise NotImplementedError
 
     def seed(self, seed: int) -> None:
         """Start over from `seed`."""
+        self.generator.manual_seed(seed)
 
     def state_dict(self) -> dict[str, Tensor]:
         """All that `draw` depends on."""
+        return {"generator": self.generator.get_state()}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Go on as the source whose `state_dict` this is."""
+        """Continue as the source whose `state_dict` this is."""
+        self.generator.set_state(state["generator"])
 
 
-class FreshInstances:
+class FreshInstances(InstanceSource):
     """Draws new boards of one split, without end, on the reach's device."""
 
     def __init__(self, reach: Reach, difficulty: Difficulty, split: str, seed: int) -> None:
+        super().__init__(seed, reach.device)
         difficulty.check_fits(reach.n_cells)
         if split not in SPLITS:
             raise InputError(f"instances.split: got {split!r}, want one of {', '.join(SPLITS)}")
         self.reach = reach
         self.difficulty = difficulty
         self.split = split
-        self.generator = torch.Generator(reach.device).manual_seed(seed)
         self._left = Batch(
             torch.empty(0, reach.n_words, dtype=torch.int64, device=reach.device),
             torch.empty(0, dtype=torch.int64, device=reach.device),
@@ -127,20 +133,16 @@ class FreshInstances:
 
     def seed(self, seed: int) -> None:
         """Start over from `seed`."""
-        self.generator.manual_seed(seed)
+        super().seed(seed)
         self._left = Batch(self._left.board[:0], self._left.target[:0])
 
     def state_dict(self) -> dict[str, Tensor]:
         """The generator's state and the instances drawn ahead."""
-        return {
-            "generator": self.generator.get_state(),
-            "board": self._left.board.clone(),
-            "target": self._left.target.clone(),
-        }
+        return {**super().state_dict(), "board": self._left.board.clone(), "target": self._left.target.clone()}
 
     def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Go on as the source whose `state_dict` this is."""
-        self.generator.set_state(state["generator"])
+        """Continue as the source whose `state_dict` this is."""
+        super().load_state_dict(state)
         self._left = Batch(state["board"].to(self.reach.device), state["target"].to(self.reach.device))
 
 

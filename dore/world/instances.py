@@ -1,8 +1,7 @@
-"""Sets of problem instances: unique, checked, saved and loaded."""
+"""Sets of problem instances, unique and checked, and the three splits of a run."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -10,15 +9,11 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, seed_of, whole
-from dore.schema import named
 from dore.world.board import contains, count, unpack
-from dore.world.files import read_tensors, write_tensors
 from dore.world.generator import PATIENCE, Difficulty, FreshInstances, InstanceSource
 from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
-
-FORMAT = "dore-instances/1"
 
 
 def problems_of(reach: Reach, batch: Batch) -> list[Problem]:
@@ -115,28 +110,8 @@ class InstanceSet:
             raise InputError(f"instances: asked for {n} different ones of the {split} split, there are {len(found)}")
         return cls(reach, found[:n, :-1].contiguous(), found[:n, -1].contiguous())
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the set, its layout and reach in the header."""
-        header = {"format": FORMAT, "world": _world(self.reach)}
-        write_tensors(path, {"board": self.board, "target": self.target}, header)
 
-    @classmethod
-    def load(cls, path: str | os.PathLike[str], reach: Reach) -> InstanceSet:
-        """Read and check a set.
-
-        Raises:
-            InputError: no such file, a damaged one, one of another layout or reach, or bad instances.
-        """
-        with named(path):
-            tensors, header = read_tensors(path, FORMAT)
-            if set(tensors) != {"board", "target"}:
-                raise InputError(f"holds {', '.join(sorted(tensors))}, want board and target")
-            if header.get("world") != _world(reach):
-                raise InputError(f"made for {header.get('world')}, want {_world(reach)}")
-            return cls(reach, tensors["board"].to(reach.device), tensors["target"].to(reach.device))
-
-
-class FixedInstances:
+class FixedInstances(InstanceSource):
     """Draws from a set, with replacement, by a generator of its own.
 
     Raises:
@@ -144,28 +119,16 @@ class FixedInstances:
     """
 
     def __init__(self, instances: InstanceSet, seed: int) -> None:
+        super().__init__(seed)
         stuck = ~has_move(instances.reach, instances.board, instances.target)
         if bool(stuck.any()):
             raise InputError(f"instances: number {int(stuck.nonzero()[0, 0]) + 1} has no legal first move")
         self.instances = instances
-        self.generator = torch.Generator().manual_seed(seed)
 
     def draw(self, n: int) -> Batch:
         """`n` instances of the set."""
         rows = torch.randint(len(self.instances), (n,), generator=self.generator)
         return self.instances.batch(rows.to(self.instances.board.device))
-
-    def seed(self, seed: int) -> None:
-        """Start over from `seed`."""
-        self.generator.manual_seed(seed)
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """The generator's state."""
-        return {"generator": self.generator.get_state()}
-
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
-        """Go on as the source whose `state_dict` this is."""
-        self.generator.set_state(state["generator"])
 
 
 def _first_of_each(rows: Tensor) -> Tensor:
@@ -176,11 +139,6 @@ def _first_of_each(rows: Tensor) -> Tensor:
     place = torch.arange(len(rows), device=rows.device)
     first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device).scatter_reduce(0, group, place, "amin")
     return rows[first.sort().values]
-
-
-def _world(reach: Reach) -> str:
-    """What a set is made for, as a line of text."""
-    return f"layout {reach.layout.to_dict()} reach {reach.to_dict()}"
 
 
 @dataclass(frozen=True)

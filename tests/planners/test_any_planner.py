@@ -15,8 +15,8 @@ from omegaconf import DictConfig, OmegaConf
 from dore.app.build import reach_of
 from dore.configure import make
 from dore.errors import InputError
+from dore.learn.agents.common import agent_from_config
 from dore.learn.checkpoint import save_model
-from dore.learn.model import agent_of
 from dore.planners.base import Planner
 from dore.planners.exact import Exact
 from dore.planners.graph_search import GraphSearch
@@ -56,7 +56,7 @@ def model_file(tmp_path_factory):
         config["layout"] = {"_target_": "dore.world.layout.Layout.from_dict", "data": reach.layout.to_dict()}
         config["agent"] |= {"symmetry": reach.mirror is not None}
         config["agent"] |= {"n_slots": reach.n_cells} if kind == "single" else {}
-        agent = agent_of(config, reach)
+        agent = agent_from_config(config, reach)
         kept = {name: config[name] for name in ("layout", "reach", "instances", "agent", "network")}
         save_model(path, agent.networks.state_dict(), kept)
         return str(path)

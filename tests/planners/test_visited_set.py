@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from dore.planners import visited_set as seen
-from dore.planners.visited_set import OutOfMemory, SeenBoards
+from dore.planners.visited_set import SeenBoards, SeenBoardsFull
 from tests.drawings import wide_hand
 from tests.planners.test_exact import check_against_enumeration
 
@@ -18,7 +18,7 @@ CPU = torch.device("cpu")
 @pytest.mark.parametrize("words", [1, 2])
 def test_keeps_each_board_once_with_the_fewest_moves(words: int) -> None:
     generator = torch.Generator().manual_seed(words)
-    kept, known = SeenBoards(words, 1e7, CPU), {}
+    kept, known = SeenBoards(words, 10, CPU), {}
     for moves in (5, 4, 4, 6, 3, 5):
         board = torch.randint(-3, 4, (200, words), generator=generator)
         row = torch.randint(4, (200,), generator=generator)
@@ -36,7 +36,7 @@ def test_keeps_each_board_once_with_the_fewest_moves(words: int) -> None:
 
 
 def test_a_board_reached_by_fewer_moves_starts_over() -> None:
-    kept = SeenBoards(1, 1e6, CPU)
+    kept = SeenBoards(1, 1, CPU)
     one = torch.tensor([0])
     kept.add(torch.tensor([[3]]), one, one - 1, one)
     kept.add(torch.tensor([[5]]), one, one, one + 4)
@@ -48,10 +48,10 @@ def test_a_board_reached_by_fewer_moves_starts_over() -> None:
 
 
 def test_what_does_not_fit_is_refused_and_not_kept() -> None:
-    kept = SeenBoards(1, 1000, CPU)
+    kept = SeenBoards(1, 0.001, CPU)
     board = torch.arange(kept.capacity + 1)[:, None]
     row = torch.zeros_like(board[:, 0])
-    with pytest.raises(OutOfMemory):
+    with pytest.raises(SeenBoardsFull):
         kept.add(board, row, row - 1, row)
     assert kept.size == 0
     assert len(kept.add(board[:-1], row[:-1], row[:-1] - 1, row[:-1])) == kept.capacity

@@ -13,8 +13,8 @@ from omegaconf import OmegaConf
 from dore.app import build
 from dore.errors import InputError
 from dore.files import conf_dir
+from dore.learn.agents.common import agent_from_config
 from dore.learn.checkpoint import save_model
-from dore.learn.model import agent_of
 from dore.report import results
 from dore.report.measurements import write_measurements
 from scripts.failures import boards_of, main
@@ -29,7 +29,7 @@ def untrained(tmp_path_factory):
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
         cfg = hydra.compose("train", overrides)
     torch.manual_seed(0)
-    agent = agent_of(cfg, build.reach_of(cfg, "cpu"))
+    agent = agent_from_config(cfg, build.reach_of(cfg, "cpu"))
     path = tmp_path_factory.mktemp("model") / "untrained.safetensors"
     plain = OmegaConf.to_container(cfg, resolve=True)
     save_model(path, agent.networks.state_dict(), {name: plain[name] for name in build.MODEL})

@@ -32,10 +32,6 @@ from dore.learn.checkpoint import SHIPPED, load_checkpoint, load_model, save_che
 from dore.report.measurements import write_measurements
 from dore.report.rows import Row, read_rows, write_rows
 from dore.world.files import read_plan, read_scene
-from dore.world.generator import Difficulty
-from dore.world.instances import InstanceSet
-from dore.world.layout import Layout
-from dore.world.reach import Reach
 from tests.trust import nonsense
 
 HANG_S = 2.0
@@ -68,9 +64,6 @@ class TooLong(BaseException):
 def good_files(folder: Path) -> dict[str, tuple[Path, Read]]:
     """A good file of each kind, and what reads it."""
     shared = conf_dir()
-    reach = Reach(Layout.grid(3, 6, 0.12), 0.19, 20.0, 40)
-    instances = folder / "set.safetensors"
-    InstanceSet.generate(reach, 20, Difficulty(2, 7), "test", 0).save(instances)
     model, checkpoint = folder / "model.safetensors", folder / "checkpoint.pt"
     weights, config = load_model(SHIPPED)
     save_model(model, {"w": next(iter(weights.values()))[:4].clone()}, config)
@@ -88,7 +81,6 @@ def good_files(folder: Path) -> dict[str, tuple[Path, Read]]:
     return {
         "scene": (_copy(shared / "scenes" / "fig7.json", folder), read_scene),
         "plan": (_copy(shared / "plans" / "fig7.json", folder), read_plan),
-        "instances": (instances, lambda path: InstanceSet.load(path, reach)),
         "model": (model, load_model),
         "checkpoint": (checkpoint, load_checkpoint),
         "config": (run / "config.yaml", lambda path: run_folder.read_config(path.parent, run_folder.LEARNING)),

@@ -14,7 +14,7 @@ import torch
 from dore.errors import InputError
 from dore.files import atomic_write
 from dore.world import files as plan_files
-from dore.world.files import read_plan, read_scene, write_plan, write_scene
+from dore.world.files import read_plan, read_scene, write_plan
 from dore.world.layout import Layout
 from dore.world.plan import Plan, PlanError, PlanFile, Status
 from dore.world.problem import Problem, Scene
@@ -66,7 +66,9 @@ def test_plans_without_a_solution_and_irregular_layouts_come_back(tmp_path: Path
 
 
 def test_a_scene_comes_back_and_a_plans_scene_will_do(tmp_path: Path, path: Path) -> None:
-    write_scene(tmp_path / "scene.json", FIG_7)
+    fields = json.loads(path.read_text())
+    scene = {"format": "dore-scene/1", **{key: fields[key] for key in ("layout", "obstacles", "target")}}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
     for file in (tmp_path / "scene.json", path):
         assert read_scene(file).obstacles == FIG_7.obstacles
         assert read_scene(file).target == FIG_7.target
@@ -214,7 +216,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(path: Path, monkeyp
         write_plan(path, FILE)
     monkeypatch.setattr(plan_files.json, "dump", full_disk)
     with pytest.raises(OSError, match="No space"):
-        write_scene(path.with_name("scene.json"), FIG_7)
+        write_plan(path.with_name("other.json"), FILE)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDictBase
@@ -13,6 +14,7 @@ from torch import Tensor
 from torchrl.data import Categorical, Composite
 from torchrl.modules import EGreedyModule, QValueModule
 
+from dore.configure import make
 from dore.errors import InputError, flag, number, one_of
 from dore.learn import keys
 from dore.learn.features import Encoding, encode
@@ -107,6 +109,13 @@ class Agent(ABC):
     def _best(self, values: Tensor, mask: Tensor) -> Tensor:
         """Int64[B]: the greedy choice."""
         return masked(values, mask, self.mask_mode).argmax(-1)
+
+
+def agent_from_config(config: Mapping[str, Any], reach: Reach) -> Agent:
+    """The agent that the groups `agent` and `network` of a config describe, with fresh weights."""
+    network = make(config.get("network"), "network")
+    agent: Agent = make(config.get("agent"), "agent", reach=reach, network=network)
+    return agent
 
 
 def never_empty(mask: Tensor) -> Tensor:
