@@ -1,22 +1,17 @@
 """The boards that the network fails on though a plan is proved, and where each of its plans first loses ground.
 
-python -m scripts.failures OUT [--model FILE] [--columns 8x8_z3-13 6x6_z3-8] [--boards 5000] [--picture FILE]
-Boards are of the validation split, so that the test split stays unseen. OUT/rows.csv has a row a board, and the picture
-the first failing ones; `dore-report study=failures` makes the page.
+python -m scripts.failures out=FOLDER [model=FILE] [columns=[8x8_z3-13,6x6_z3-8]] [boards=5000] [picture=FILE]
+Boards are of the validation split, so that the test split stays unseen. FOLDER/rows.csv has a row a board, and the
+picture the first failing ones; `dore-report study=failures` makes the page.
 """
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-import torch
-from hydra.errors import HydraException
 
 from dore.app import build
 from dore.errors import InputError, whole
@@ -24,16 +19,30 @@ from dore.learn.checkpoint import SHIPPED
 from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
-from dore.world.board import bit
-from dore.world.instances import InstanceSet, problems_of
-from dore.world.plan import Move, Plan, Status
+from dore.world.plan import Move, Plan, Status, replay
 from dore.world.problem import Batch, Problem
-from dore.world.rules import lift
 from scripts.failures_figure import draw
-from scripts.program import composed
+from scripts.program import composed, run
 
 PROOF_S = 10.0
 """A proof is given up after so many seconds of its own."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows. model: a run directory or a model file. boards: of each column."""
+
+    out: Path
+    model: Path = SHIPPED
+    columns: list[str] = field(default_factory=lambda: ["8x8_z3-13", "6x6_z3-8"])
+    boards: int = 5000
+    picture: Path = Path("docs/results/failures.png")
+
+    def __post_init__(self) -> None:
+        whole("boards", self.boards, 1)
+        for name in self.columns:
+            if not re.fullmatch(r"\d+x\d+_z\d+-\d+", name):
+                raise InputError(f"columns: got {name!r}, want LAYOUT_INSTANCES, as 8x8_z3-13")
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ class Board:
     status: Status
     optimum: int | None
     now: int
-    ending: str
+    ending: str = ""
     mistake: Mistake | None = None
 
     @property
@@ -80,27 +89,13 @@ class Board:
         return found | dict(zip(("mistake", "mistake_now", "before", "after"), mistake, strict=True))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the rows and the picture; the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path, help="folder of the rows")
-    parser.add_argument("--model", type=Path, default=SHIPPED, help="a run directory or a model file")
-    parser.add_argument("--columns", nargs="+", default=("8x8_z3-13", "6x6_z3-8"), help="LAYOUT_INSTANCES")
-    parser.add_argument("--boards", type=int, default=5000, help="of each column")
-    parser.add_argument("--picture", type=Path, default=Path("docs/results/failures.png"))
-    chosen = parser.parse_args(arguments)
-    torch.set_num_threads(1)
-    try:
-        whole("--boards", chosen.boards, 1)
-        columns = [boards_of(name, chosen.model, chosen.boards) for name in chosen.columns]
-    except (InputError, HydraException) as error:
-        print(f"failures: {' '.join(str(error).split())}", file=sys.stderr)
-        return 2
-    chosen.picture.parent.mkdir(parents=True, exist_ok=True)
-    draw(chosen.picture, columns)
+def main(options: Options) -> None:
+    """Write the rows and the picture."""
+    columns = [boards_of(name, options.model, options.boards) for name in options.columns]
+    options.picture.parent.mkdir(parents=True, exist_ok=True)
+    draw(options.picture, columns)
     rows = [board.row for boards in columns for board in boards]
-    write_measurements(chosen.out, rows, weights=chosen.model.name, proof_s=PROOF_S)
-    return 0
+    write_measurements(options.out, rows, weights=options.model.name, proof_s=PROOF_S)
 
 
 def boards_of(name: str, model: Path, boards: int) -> list[Board]:
@@ -111,63 +106,44 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
         boards: how many of them.
 
     Raises:
-        InputError: no such column, no such model, or not so many boards.
+        InputError: no such model, or not so many boards.
     """
     layout, _, difficulty = name.partition("_")
-    if not re.fullmatch(r"\d+x\d+_z\d+-\d+", name):
-        raise InputError(f"--columns: got {name!r}, want LAYOUT_INSTANCES, as 8x8_z3-13")
-    overrides = [f"layout={layout}", f"instances={difficulty}", f"instances.validation_size={boards}"]
-    planners = ["reach=wide_hand", "planner=[learned,exact]", f"planners.exact.max_seconds={PROOF_S}", f"model={model}"]
-    cfg = composed("evaluate", *overrides, *planners)
+    world = [f"layout={layout}", "reach=wide_hand", f"instances={difficulty}", f"instances.validation_size={boards}"]
+    planners = ["planner=[learned,exact]", f"planners.exact.max_seconds={PROOF_S}", f"model={model}"]
+    cfg = composed("evaluate", *world, *planners)
     reach = build.reach_of(cfg, "cpu")
     learned, exact = build.planners_of(cfg, reach)
     if getattr(getattr(learned, "agent", None), "encoding", None) != "lanes":
-        raise InputError(f"--model: {model} does not see the corridor costs, want one of agent.encoding=lanes")
+        raise InputError(f"model: {model} does not see the corridor costs, want one of agent.encoding=lanes")
     instances = build.splits_of(cfg, reach).validation(reach)
-    proofs, tries = exact.plan(instances.batch()), learned.plan(instances.batch())
-    now = corridor_costs(reach, *instances.batch()).now.tolist()
+    batch = instances.batch()
+    plans = zip(
+        instances, exact.plan(batch), learned.plan(batch), corridor_costs(reach, *batch).now.tolist(), strict=True
+    )
     found = []
-    for row, (proof, tried) in enumerate(zip(proofs, tries, strict=True)):
-        solved = proof.status is Status.SOLVED
-        ending = tried.reason if solved and tried.status is not Status.SOLVED else ""
-        found.append(Board(name, row + 1, proof.status, len(proof.moves) if solved else None, now[row], ending))
-    lost = [row for row, board in enumerate(found) if board.ending]
-    mistakes = _mistakes(instances, exact, lost, [proofs[row] for row in lost], [tries[row] for row in lost])
-    return [replace(board, mistake=mistakes.get(row)) for row, board in enumerate(found)]
-
-
-def _mistakes(
-    instances: InstanceSet, exact: Planner, rows: list[int], proofs: list[Plan], tries: list[Plan]
-) -> dict[int, Mistake]:
-    """The first mistake of each of these rows, found move by move; a row whose plan ends before one has none."""
-    found: dict[int, Mistake] = {}
-    reach, going = instances.reach, list(zip(rows, proofs, tries, strict=True))
-    board, target = instances.batch(torch.tensor(rows, dtype=torch.int64))
-    number = 0
-    while going:
-        kept = [place for place, (_, _, tried) in enumerate(going) if len(tried.moves) > number]
-        going, board, target = [going[place] for place in kept], board[kept], target[kept]
-        if not going:
-            break
-        moves = [tried.moves[number] for _, _, tried in going]
-        pick, place = (torch.tensor([getattr(move, end) for move in moves]) for end in ("pick", "place"))
-        following = lift(board, pick) | bit(place, board.shape[-1])
-        after = exact.plan(Batch(following, target))
-        problems, now = problems_of(reach, Batch(board, target)), corridor_costs(reach, board, target).now.tolist()
-        number += 1
-        kept = []
-        for index, ((row, proof, _), then) in enumerate(zip(going, after, strict=True)):
-            fewest = len(then.moves) if then.status is Status.SOLVED else None
-            if fewest == len(proof.moves) - 1:
-                kept.append(index)
-            else:
-                found[row] = Mistake(
-                    number, problems[index], now[index], proof.moves[0], moves[index], len(proof.moves), fewest
-                )
-        going = [(going[index][0], after[index], going[index][2]) for index in kept]
-        board, target = following[kept], target[kept]
+    for number, (problem, proof, tried, now) in enumerate(plans, 1):
+        board = Board(name, number, proof.status, proof.optimal_moves, now)
+        if proof.status is Status.SOLVED and tried.status is not Status.SOLVED:
+            board = replace(board, ending=tried.reason, mistake=mistake_of(problem, proof, tried, exact))
+        found.append(board)
     return found
 
 
+def mistake_of(problem: Problem, proof: Plan, tried: Plan, exact: Planner) -> Mistake | None:
+    """The first mistake of the network's plan; None where it ends before one."""
+    reach = problem.reach
+    states = [
+        Problem(replace(problem.scene, obstacles=tuple(sorted(board))), reach) for board in replay(problem, tried)
+    ]
+    for number, (before, move, after) in enumerate(zip(states, tried.moves, states[1:], strict=False), 1):
+        (then,) = exact.plan(Batch.of(after))
+        if then.optimal_moves != len(proof.moves) - 1:
+            now = int(corridor_costs(reach, *Batch.of(before)).now)
+            return Mistake(number, before, now, proof.moves[0], move, len(proof.moves), then.optimal_moves)
+        proof = then
+    return None
+
+
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(main, Options))

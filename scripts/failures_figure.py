@@ -7,22 +7,18 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from numpy.typing import NDArray
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from dore.draw import style
-from dore.draw.board_art import INK, LEGEND
-from dore.draw.boards import PANEL_LEGEND_INCH, Panel, panel_pixels
-from dore.world.plan import Move
+from dore.draw.board_art import CELL_INCH, LEGEND, draw_legend
+from dore.draw.boards import Panel, draw_panel
+from dore.draw.style import INK, save_figure
 
 if TYPE_CHECKING:
-    from scripts.failures import Board, Mistake
+    from scripts.failures import Board
 
 MOST = 6
 """Boards that are drawn."""
-WIDTH_PX = 640
 
 
 def drawn_of(columns: Sequence[Sequence[Board]]) -> list[Board]:
@@ -39,41 +35,30 @@ def draw(path: Path, columns: Sequence[Sequence[Board]]) -> None:
         path.unlink(missing_ok=True)
         return
     down, across = -(-len(drawn) // 2), 2 * min(2, len(drawn))
-    figure = Figure((3.15 * across, 3.7 * down + 0.4), facecolor="white", layout="constrained")
+    edge = CELL_INCH * max(int(board.column.partition("x")[0]) for board in drawn)
+    above_legend = ConstrainedLayoutEngine(rect=(0, 0.03, 1, 0.97))
+    figure = Figure(((edge + 0.2) * across, (edge + 0.8) * down + 0.4), facecolor="white", layout=above_legend)
     places = list(figure.subplots(down, across, squeeze=False).flat)
     for axes in places:
         axes.axis("off")
-    for number, board in enumerate(drawn):
-        for axes, (title, pixels) in zip(places[2 * number :], _sides(board), strict=False):
-            axes.imshow(pixels, interpolation="lanczos")
-            axes.set_title(title, fontsize=8.5, color=INK, pad=3)
-    handles = [
-        Patch(facecolor=colour, alpha=alpha, label=name.removesuffix(" and its corridor"))
-        for name, (colour, alpha) in LEGEND.items()
-    ]
-    look = {"ncols": 4, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
-    figure.legend(handles=handles, loc="outside lower center", **look)
-    style.save_figure(figure, path)
+    for axes, (title, panel) in zip(places, [side for board in drawn for side in sides(board)], strict=False):
+        axes.set_title(title, fontsize=8.5, color=INK, pad=3)
+        draw_panel(axes, panel)
+    draw_legend(figure, tuple(LEGEND), columns=4, scale=1.2)
+    save_figure(figure, path)
 
 
-def _sides(board: Board) -> list[tuple[str, NDArray[np.uint8]]]:
-    """The words and the pictures of a failure: a shortest plan's move, the network's move."""
+def sides(board: Board) -> list[tuple[str, Panel]]:
+    """The titles and the boards of a failure: a shortest plan's move, the network's move."""
     mistake = board.mistake
     if mistake is None:
         return []
-    best, move = (Panel(mistake.problem, one).words for one in (mistake.best, mistake.move))
+    best, move = (Panel(mistake.problem, one, number=mistake.number) for one in (mistake.best, mistake.move))
     left = f"{mistake.after} left" if mistake.after is not None else "no plan proved"
     size, obstacles = board.column.replace("x", " x ").split("_z")
-    titles = (
-        f"{size}, {obstacles} obstacles, no. {board.instance}\na shortest plan: {best}, {mistake.optimum - 1} left",
-        f"optimum {board.optimum}, costs {board.now}\nthe network's move {mistake.number}: {move}, {left}",
-    )
-    return list(zip(titles, (_pixels(mistake, one) for one in (mistake.best, mistake.move)), strict=True))
-
-
-def _pixels(mistake: Mistake, move: Move) -> NDArray[np.uint8]:
-    """A board with one move, without the legend that each panel has."""
-    pixels = panel_pixels(Panel(mistake.problem, move, number=mistake.number), WIDTH_PX, 4 * WIDTH_PX, {})
-    # The legend lies below the board and grows with it.
-    legend = round(WIDTH_PX * PANEL_LEGEND_INCH[1] / PANEL_LEGEND_INCH[0])
-    return pixels[: pixels.shape[0] - legend]
+    shortest = f"a shortest plan: {best.words}, {mistake.optimum - 1} left"
+    networks = f"the network's move {mistake.number}: {move.words}, {left}"
+    return [
+        (f"{size}, {obstacles} obstacles, no. {board.instance}\n{shortest}", best),
+        (f"optimum {board.optimum}, costs {board.now}\n{networks}", move),
+    ]

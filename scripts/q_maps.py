@@ -127,9 +127,9 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
     size = (CELL_INCH * (sum(widths) + 2 * len(drawn)), 2 * CELL_INCH * height + 1.6)
     figure = Figure(size, facecolor="white", layout="constrained")
     places = figure.subplots(2, len(drawn), width_ratios=widths, squeeze=False)
-    for (wanted, maps), span, column in zip(drawn, spans, places.T, strict=True):
+    for (wanted, maps), column in zip(drawn, places.T, strict=True):
         for one, axes, title in zip(maps, column, _titles(wanted, maps), strict=True):
-            axes.set(xlim=span[:2], ylim=span[2:], aspect="equal", anchor="S")
+            axes.set_anchor("S")
             axes.set_title(title, fontsize=9, color=INK, pad=4)
             bar = figure.colorbar(_board(axes, one), ax=axes, shrink=0.5, pad=0.02, aspect=18)
             bar.ax.tick_params(labelsize=6.5, colors=INK, pad=2)
@@ -178,7 +178,6 @@ def _board(axes: Axes, one: Map) -> ScalarMappable:
         (x - 0.46 * edge, y - 0.46 * edge), 0.92 * edge, 0.92 * edge, fill=False, edgecolor=CHOICE, lw=2.2
     )
     axes.add_patch(frame)
-    axes.axis("off")
     return colours
 
 

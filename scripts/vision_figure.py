@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
-from dore.draw.board_art import OBSTACLE_COLOUR, TARGET_COLOUR, draw_cells, extent
+from dore.draw.board_art import OBSTACLE_COLOUR, TARGET_COLOUR, draw_cells
 from dore.draw.style import BLUE, INK, save_png
 from dore.sim.motion.frames import Array
 from dore.sim.vision.perception import Frame
@@ -72,9 +72,6 @@ def _outline(axes: Axes, frame: Frame, one: Detection, layout: Layout) -> None:
 
 def _board(axes: Axes, seen: Sequence[Detection], placed: Arrangement) -> None:
     """The cells from above, the robot below; what was seen filled, the truth as thin outlines."""
-    left, right, bottom, top = extent(placed.scene)
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    axes.axis("off")
     draw_cells(axes, placed.scene)
     for one in seen:
         outline = (_footprint(one.half_width_m, one.yaw_rad, one.shape) + one.xy) @ _TO_PAPER

@@ -40,7 +40,10 @@ def on_paper(scene: Scene, cell: int) -> tuple[float, float]:
 
 
 def draw_cells(axes: Axes, scene: Scene) -> None:
-    """The cells with their ids, and the robot's side."""
+    """The cells with their ids, and the robot's side, on axes that then show the whole panel and no frame."""
+    left, right, bottom, top = extent(scene)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.axis("off")
     edge = scene.layout.cell_m
     for cell in range(scene.layout.n_cells):
         x, y = on_paper(scene, cell)
@@ -49,9 +52,7 @@ def draw_cells(axes: Axes, scene: Scene) -> None:
         axes.text(
             x - 0.45 * edge, y + 0.44 * edge, str(cell_id(cell)), fontsize=5, color=FAINT, ha="left", va="top", zorder=6
         )
-    bottom = axes.get_ylim()[0]
-    middle = sum(axes.get_xlim()) / 2
-    axes.text(middle, bottom, "▲ robot", fontsize=6.5, color=FAINT, ha="center", va="bottom", zorder=6)
+    axes.text((left + right) / 2, bottom, "▲ robot", fontsize=6.5, color=FAINT, ha="center", va="bottom", zorder=6)
 
 
 def draw_corridor(axes: Axes, problem: Problem, cell: int, direction_deg: float, colour: str) -> None:

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -104,10 +105,10 @@ def draw_plan(problem: Problem, plan: Plan, path: str | os.PathLike[str]) -> Non
         row, column = divmod(index, columns)
         corner = (indent + column * across, size[1] - HEAD_INCH - (row + 1) * down)
         box = (corner[0] / size[0], corner[1] / size[1], width / size[0], height / size[1])
-        axes = figure.add_axes(box, xlim=(left, right), ylim=(bottom, top))
+        axes = figure.add_axes(box)
         title = panel.words if panel.words.startswith("no way") else f"{panel.number}.  {panel.words}"
         axes.set_title(title, fontsize=9, color=INK, pad=3)
-        _draw_panel(axes, panel, {})
+        draw_panel(axes, panel)
     count = f"{len(plan.moves)} rearrangement" + "s" * (len(plan.moves) != 1)
     title = f"{plan.planner}: {plan.status.replace('_', ' ')}, {count}"
     figure.text(
@@ -135,16 +136,15 @@ def panel_pixels(
     figure = Figure(size, dpi=dpi, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     box = (0.5 - across / 2 / size[0], 1 - down / size[1], across / size[0], down / size[1])
-    _draw_panel(figure.add_axes(box, xlim=(left, right), ylim=(bottom, top)), panel, colours)
+    draw_panel(figure.add_axes(box), panel, colours)
     draw_legend(figure, tuple(LEGEND)[1:], columns=2, scale=scale)
     canvas.draw()
     return np.array(canvas.buffer_rgba())[..., :3]
 
 
-def _draw_panel(axes: Axes, panel: Panel, colours: Mapping[int, ColorType]) -> None:
+def draw_panel(axes: Axes, panel: Panel, colours: Mapping[int, ColorType] = MappingProxyType({})) -> None:
     """One board and what happens on it. colours: of the objects on these cells, in place of the usual ones."""
     problem, scene, move = panel.problem, panel.scene, panel.move
-    axes.axis("off")
     draw_cells(axes, scene)
     if move is not None:
         draw_corridor(axes, problem, move.place, move.place_direction_deg, PLACE_CORRIDOR_COLOUR)

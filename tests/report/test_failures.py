@@ -17,8 +17,9 @@ from dore.learn.agents.common import agent_from_config
 from dore.learn.checkpoint import save_model
 from dore.report import results
 from dore.report.measurements import write_measurements
-from scripts.failures import boards_of, main
+from scripts.failures import Options, boards_of, main
 from scripts.failures_figure import MOST, drawn_of
+from scripts.program import run
 from tests.report import fakes
 
 
@@ -92,14 +93,14 @@ def test_the_words_follow_the_numbers(tmp_path):
 
 def test_rows_and_a_picture(untrained, tmp_path, capsys):
     out, picture = tmp_path / "measured", tmp_path / "new" / "failures.png"
-    words = [str(out), "--model", str(untrained), "--boards", "40", "--picture", str(picture)]
-    assert main([*words, "--columns", "3x6_z3-7", "5x5_z3-8"]) == 0
+    words = [f"out={out}", f"model={untrained}", "boards=40", f"picture={picture}"]
+    assert run(main, Options, [*words, "columns=[3x6_z3-7,5x5_z3-8]"]) == 0
     assert len((out / "rows.csv").read_text(encoding="utf-8").splitlines()) == 81
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert main([*words, "--columns", "3x6"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("failures: --columns: got '3x6', want LAYOUT_INSTANCES")
-    ended = subprocess.run([sys.executable, "-m", "scripts.failures", str(out), "--boards", "0"], capture_output=True)
-    assert (ended.returncode, ended.stderr[:25]) == (2, b"failures: --boards: got 0")
+    assert run(main, Options, [*words, "columns=[3x6]"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("failures: columns: got '3x6', want LAYOUT_INSTANCES")
+    ended = subprocess.run([sys.executable, "-m", "scripts.failures", f"out={out}", "boards=0"], capture_output=True)
+    assert (ended.returncode, ended.stderr[:23]) == (2, b"failures: boards: got 0")
     with pytest.raises(InputError, match="got no rows"):
         write_measurements(out, [])
 
