@@ -52,7 +52,7 @@ def evaluate_command(cfg: DictConfig) -> int:
         with locked(folder, "resume"):
             return _evaluate(folder, Evaluation.of(cfg), cfg)
     evaluation = Evaluation.of(cfg)
-    with run_folder.claimed(run_folder.folder_of(cfg), worth=(CONFIG_FILE,)) as folder:
+    with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(CONFIG_FILE,)) as folder:
         cfg.run_dir = str(folder)
         run_folder.write_config(folder, cfg)
         return _evaluate(folder, evaluation, cfg)

@@ -37,7 +37,7 @@ def execute_command(cfg: DictConfig) -> int:
     build.use_threads(cfg.threads)
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = (_closed if cfg.loop == "closed" else _open)(cfg)
-    with run_folder.claimed(run_folder.folder_of(cfg), worth=(REPORT_NAME,)) as folder:
+    with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(REPORT_NAME,)) as folder:
         report = execute(loop, setup, folder)
     _print_report(report, folder)
     if report.refused:

@@ -1,4 +1,4 @@
-"""metrics.csv of a training: a row a test (IPT) or line of progress, also after the run is resumed."""
+"""metrics.csv of a training: one row per test (IPT) and per report of progress, also over stops."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dore.files import atomic_write
 
 
 class MetricsLog:
-    """metrics.csv, a row at a time, each on the disk at once: a killed run keeps all but its last line.
+    """Writes metrics.csv row by row, so that a killed run keeps all but its last line.
 
     Not TorchRL's CSVLogger (0.14): it writes a file for each figure, and cannot drop the rows after a checkpoint.
     """

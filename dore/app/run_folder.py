@@ -32,16 +32,16 @@ LEARNING = (
     *("training", "ipt", "buffer", "env", "exploration", "optimizer", "target_update"),
 )
 """The keys of a run's config that say what it learns, beside `worlds`, which runs of version 0.1 do not have."""
-SPENDING = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
-"""Those that say for how long."""
+BUDGET_KEYS = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
+"""Those of its budget, which alone may change when it is resumed."""
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
 @contextmanager
-def claimed(path: object, worth: tuple[str, ...]) -> Iterator[Path]:
+def claimed(path: object, keep_if: tuple[str, ...]) -> Iterator[Path]:
     """A new run folder, locked for this process.
 
-    If the block fails before one of the files `worth` is there, the folder is removed again, so that a run that could
+    If the block fails before one of the files `keep_if` is there, the folder is removed again, so that a run that could
     not start leaves its name free. Later on the folder stays, and a line says so.
 
     Raises:
@@ -59,7 +59,7 @@ def claimed(path: object, worth: tuple[str, ...]) -> Iterator[Path]:
         try:
             yield folder
         except BaseException as error:
-            if not any((folder / name).exists() for name in worth):
+            if not any((folder / name).exists() for name in keep_if):
                 shutil.rmtree(folder, ignore_errors=True)
             elif isinstance(error, Exception):
                 print(f"{folder} keeps what was written before the error", file=sys.stderr)
@@ -151,7 +151,7 @@ def check_same(folder: Path, cfg: DictConfig) -> None:
     was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(cast(DictConfig, given)))
     added = [key for key in now if key.startswith("worlds.") and key not in was]
     for key in (*was, *added):
-        learns = key.split(".")[0] in (*LEARNING, "worlds") and key not in SPENDING
+        learns = key.split(".")[0] in (*LEARNING, "worlds") and key not in BUDGET_KEYS
         if learns and now.get(key) != was.get(key):
             raise InputError(f"run_dir: {folder} was started with {key}={was.get(key)}, not {now.get(key)}")
 

@@ -129,16 +129,13 @@ class Session:
     def _report(self, progress: Progress, tested: TestResult | None) -> None:
         self.bar.n = progress.episodes
         if progress.filled and not progress.env_steps:
-            self._report_fill(progress)
+            self._show(f"filling the replay: {progress.filled:,} of {self.trainer.to_fill:,} transitions")
         if tested is not None:
             self._keep_best(tested)
         if tested is not None or (progress.env_steps and progress.iteration % self.log_every == 0):
             self._log(progress, tested)
         if time.perf_counter() - self._saved_at > self.checkpoint_s:
             self._save_checkpoint()
-
-    def _report_fill(self, progress: Progress) -> None:
-        self._show(f"filling the replay: {progress.filled:,} of {self.trainer.to_fill:,} transitions")
 
     def _show(self, how: str, before: str = "") -> None:
         """How the run is: on the bar, or as a line now and then, with what a bar would show `before` it."""

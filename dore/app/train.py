@@ -40,7 +40,7 @@ def train_command(cfg: DictConfig) -> int:
     if cfg.existing == "continue":
         run_folder.clear_unstarted(folder)
     trainer = trainer_of(cfg)
-    with run_folder.claimed(folder, worth=(CHECKPOINT, METRICS_FILE)):
+    with run_folder.claimed(folder, keep_if=(CHECKPOINT, METRICS_FILE)):
         run_folder.write_config(folder, cfg)
         return _run(Session(trainer, folder, cfg, resumed=False))
 
@@ -76,8 +76,8 @@ def _resumed_config(folder: Path) -> DictConfig:
     cfg = run_folder.read_config(folder, expected=run_folder.LEARNING)
     changes = run_folder.changes()
     for change in changes:
-        if change.split("=")[0].lstrip("+~") not in run_folder.SPENDING:
-            allowed = ", ".join(run_folder.SPENDING)
+        if change.split("=")[0].lstrip("+~") not in run_folder.BUDGET_KEYS:
+            allowed = ", ".join(run_folder.BUDGET_KEYS)
             raise InputError(f"resume: {change} cannot be changed in {folder}, only {allowed}")
     cfg.merge_with_dotlist(changes)
     return _moved_to(folder, cfg)

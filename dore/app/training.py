@@ -39,12 +39,12 @@ def trainer_of(cfg: DictConfig) -> Trainer:
     # Checked before the instances are drawn, which takes a minute where there are many.
     budget: Budget = make(cfg.training, "training")
     epsilon = make(cfg.exploration, "exploration")
-    settings = {MAIN: _ground_of(cfg, cfg.device)}
+    settings = {MAIN: _setting_of(cfg, cfg.device)}
     further = cfg.get("worlds", {})
     if not isinstance(further, Mapping):
         raise InputError(f"worlds: got {shown(further)}, want further worlds by their names, or {{}}")
     for name, node in further.items():
-        settings[str(name)] = _further_ground(str(name), node, cfg.device)
+        settings[str(name)] = _further_setting(str(name), node, cfg.device)
     torch.manual_seed(cfg.seed)
     agent = agent_from_config(cfg, settings[MAIN][0])
     learner = Learner(
@@ -97,21 +97,21 @@ def _check_numbers(cfg: DictConfig) -> None:
         flag("optimizer.fused", cfg.optimizer.fused)
 
 
-def _ground_of(config: Mapping[str, Any], device: str) -> tuple[Reach, InstanceSplits]:
+def _setting_of(config: Mapping[str, Any], device: str) -> tuple[Reach, InstanceSplits]:
     """The reach and the instance splits of a world."""
     reach = reach_of(config, device)
     return reach, splits_of(config, reach)
 
 
-def _further_ground(name: str, node: Any, device: str) -> tuple[Reach, InstanceSplits]:
-    """That of a further world; an error names it."""
+def _further_setting(name: str, node: Any, device: str) -> tuple[Reach, InstanceSplits]:
+    """Those of a further world; an error names it."""
     try:
         if name == MAIN:
             raise InputError(f"{MAIN} is the name of the world that layout, reach and instances give, want another")
         if not isinstance(node, Mapping) or set(node) != set(WORLD):
             given = ", ".join(map(str, node)) if isinstance(node, Mapping) else repr(node)
             raise InputError(f"got {given}, want {', '.join(WORLD)}")
-        return _ground_of(node, device)
+        return _setting_of(node, device)
     except InputError as error:
         raise InputError(f"worlds.{name}: {error}") from None
 

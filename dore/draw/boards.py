@@ -1,4 +1,4 @@
-"""A plan as a picture: a strip of boards, one a move; or one board as pixels. Matplotlib's objects, no global state."""
+"""A plan as a picture, with one board per move; or one board as pixels. Matplotlib's objects, no global state."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Panel:
 
 
 def panels_of(problem: Problem, plan: Plan) -> tuple[Panel, ...]:
-    """One panel a move, then one for the retrieval; nothing happens on it where no solution was found.
+    """One panel per move, then one for the retrieval; nothing happens on it where no solution was found.
 
     Raises:
         PlanError: the plan does not replay.
@@ -83,7 +83,7 @@ def panels_of(problem: Problem, plan: Plan) -> tuple[Panel, ...]:
 
 
 def draw_plan(problem: Problem, plan: Plan, path: str | os.PathLike[str]) -> None:
-    """Write a PNG with one panel a move and one for the retrieval, in reading order.
+    """Write a PNG with one panel per move and one for the retrieval, in reading order.
 
     The robot stands below each panel and looks up: row 0 is at the bottom, its left is on the left. An approach
     corridor is as wide as twice the reach's clearance; obstacles' centres stay out of it.

@@ -13,7 +13,7 @@ from dore.draw.style import BLUE, FAINT, GREEN, INK, RED, plain, save_figure
 from dore.errors import InputError
 
 LINES = {"success": ("IPT success (%)", GREEN, 100), "loss": ("loss", RED, 1), "epsilon": ("epsilon", BLUE, 1)}
-"""What is drawn, a panel a column: its name, its colour, and what it is multiplied with."""
+"""What is drawn, one panel per column: its name, its colour, and what it is multiplied with."""
 
 
 def draw_learning_curve(csv_path: str | os.PathLike[str], png_path: str | os.PathLike[str]) -> None:

@@ -1,4 +1,4 @@
-"""Run planners on a set of instances: one row an instance and planner, and nothing is averaged here."""
+"""Run planners on a set of instances: one row per instance and planner; nothing is averaged here."""
 
 from __future__ import annotations
 

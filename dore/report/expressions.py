@@ -12,7 +12,7 @@ from dore.errors import InputError
 
 
 def evaluated(name: str, rows: pd.DataFrame, expression: str) -> pd.Series:
-    """A value a row.
+    """One value per row.
 
     Raises:
         InputError: an expression that does not fit the rows; `name` says whose.
@@ -32,7 +32,7 @@ def chosen(name: str, rows: pd.DataFrame, node: Mapping[str, Any], key: str = "w
 
 
 def numbers(rows: pd.DataFrame, of: str) -> pd.Series:
-    """One number a row: a column, or an expression over columns, as `100 * success`.
+    """One number per row: a column, or an expression over columns, as `100 * success`.
 
     Raises:
         InputError: no such column, or not an expression.

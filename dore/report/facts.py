@@ -21,7 +21,7 @@ def facts_of(spec: Spec, sources: Mapping[str, Source]) -> dict[str, Any]:
 
 
 def _fact(name: str, fact: Spec, source: Source) -> Any:
-    """Of the runs: a key's values, a line each, or what each changes; of the rows: how many, or how many of each."""
+    """Of the runs: a key's values, one line each, or what each changes; of the rows: how many, or how many of each."""
     if "run" in fact:
         return _unique(source.runs, fact["run"])
     if "lines" in fact:
@@ -35,7 +35,7 @@ def _fact(name: str, fact: Spec, source: Source) -> Any:
 
 
 def _lines(name: str, runs: pd.DataFrame, fact: Spec) -> list[str] | dict[str, str]:
-    """A line a run, each once, or by a name of the run; `0[config.seed]` is the run's value of that key."""
+    """One line per run, each once, or by a name of the run; `0[config.seed]` is the run's value of that key."""
     if runs.empty:
         return []
     some = chosen(name, runs, fact)

@@ -27,8 +27,8 @@ Spec = Mapping[str, Any]
 class Source:
     """One kind of data of a study.
 
-    rows: a row an instance and planner, a test of a training, or a line of a CSV file, with the names that the
-    folder's pattern gives. runs: a row a folder, with everything in its config, about and done files, dotted.
+    rows: one per instance and planner, test of a training, or line of a CSV file, with the names that the
+    folder's pattern gives. runs: one row per folder, with everything in its config, about and done files, dotted.
     world: the columns that, with `instance`, say which problem a row is of.
     committed: kept beside the page, not read from runs.
     """
@@ -87,7 +87,7 @@ def measurements(root: Path, pattern: str, keep: Mapping[str, str] | None = None
 
 
 def trainings(root: Path, pattern: str) -> Source:
-    """Every training of the folders of a pattern that has ended, one row a test (IPT).
+    """Every training of the folders of a pattern that has ended, one row per test (IPT).
 
     Raises:
         InputError: a damaged file.

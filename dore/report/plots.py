@@ -1,4 +1,4 @@
-"""The figures of a study: lines over columns, learning curves, and dots a row, in one style."""
+"""The figures of a study: lines over columns, learning curves, dots and heat maps, in one style."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def draw(path: Path, spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Sour
 
 
 def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
-    """A panel a metric: rows as lines over numeric columns, with their intervals; the paper's dashed, with their sd."""
+    """One panel per metric: rows as lines over numeric columns, with intervals; the paper's dashed, with their sd."""
     figure, axes = panels(len(spec["panels"]), 3, 4.8, 3.8)
     for one, panel in zip(axes, spec["panels"], strict=True):
         mine = cells[(cells.metric == panel["metric"]) & cells["mean"].notna()].copy()
@@ -72,9 +72,9 @@ def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fi
 
 
 def _styles(spec: Spec, rows: Sequence[str]) -> dict[str, tuple[Any, Any]]:
-    """Colour and line of each row: those that the study names, or a colour a size and a line a planner."""
+    """Each row's colour and line style: those that the study names, or a colour per size and a style per planner."""
     if "colours" in spec:
-        return {row: (COLOURS[spec["colours"].get(row, "faint")], DASHES if _is_papers(row) else "-") for row in rows}
+        return {row: (COLOURS[spec["colours"].get(row, "faint")], DASHES if _is_paper_row(row) else "-") for row in rows}
     heads = list(dict.fromkeys(row.rpartition(", ")[0] for row in rows))
     colours = dict(zip(heads, colormaps["viridis"](np.linspace(0.0, 0.9, len(heads))), strict=True))
     tails = list(dict.fromkeys(row.rpartition(", ")[2] for row in rows))
@@ -83,13 +83,13 @@ def _styles(spec: Spec, rows: Sequence[str]) -> dict[str, tuple[Any, Any]]:
     }
 
 
-def _is_papers(row: str) -> bool:
+def _is_paper_row(row: str) -> bool:
     return row.startswith("paper")
 
 
 def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place: int, band: bool) -> None:
     colour, dashes = look
-    if _is_papers(row):
+    if _is_paper_row(row):
         # Two rows of the paper stand a little apart, so that their bars do not overlap.
         x = line.x + 0.12 * (place - 0.5)
         half, what = (line.high - line["mean"], "") if line.sd.isna().all() else (line.sd, " (sd)")
@@ -104,7 +104,7 @@ def _line(axes: Axes, row: str, line: pd.DataFrame, look: tuple[Any, Any], place
 
 
 def _curves(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:
-    """A panel a value of `by`: each series' success over `x`; several runs as their mean and a band over all."""
+    """One panel per value of `by`: each series' success over `x`; several runs as their mean and a band over all."""
     frames = [(one, chosen("figures.series", sources[one["from"]].rows, one)) for one in spec["series"]]
     frames = [(one, rows) for one, rows in frames if not rows.empty]
     if not frames:
@@ -160,7 +160,7 @@ def band(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, ...
 
 
 def _dots(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
-    """A panel a metric: a dot a row, with its range; the first row of each kind as a dashed line down to the next."""
+    """One panel per metric: a dot for each row, with its range; a dashed line at the first row of each kind."""
     figure, axes = panels(len(spec["metrics"]), 2, 5.2, 0.3 * max(cells.groupby("metric")["row"].nunique()) + 0.6)
     for one, metric in zip(axes, spec["metrics"], strict=True):
         mine = cells[(cells.metric == metric) & (cells.column == spec["column"])].reset_index(drop=True)
@@ -180,7 +180,7 @@ def _dots(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fig
 
 
 def _heat(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
-    """A panel a metric: numbers over rows and columns, as colours and written; `frame`: a metric of 1 where framed."""
+    """One panel per metric: a table of numbers as colours, and written; `frame`: a metric that is 1 where framed."""
     framed = cells[(cells.metric == spec.get("frame")) & (cells["mean"] == 1)]
     figure, axes = panels(len(spec["panels"]), 2, 4.6, 3.6)
     for one, panel in zip(axes, spec["panels"], strict=True):

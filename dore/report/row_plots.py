@@ -39,7 +39,7 @@ def histogram(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) ->
 
 
 def rays(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure | None:
-    """A short line a row, from (`x_of`, `y_of`) in the direction `angle_of` (degrees), in the colour of its series."""
+    """A short line for each row, from (`x_of`, `y_of`) in direction `angle_of` (degrees), in its series' colour."""
     rows = sources[spec["from"]].rows
     if rows.empty:
         return None

@@ -1,4 +1,4 @@
-"""Rows as CSV: rows.csv of an evaluation, one row an instance and planner, and any other table."""
+"""Rows as CSV: rows.csv of an evaluation, one row per instance and planner, and any other table."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ TEXT_COLUMNS = ("planner", "status", "reason", "timing")
 
 
 def append_row(file: IO[str], row: Row) -> None:
-    """Add a row to an open rows.csv, and put it on the disk."""
+    """Add a row to an open rows.csv, and flush it."""
     csv.writer(file, lineterminator="\n").writerow((asdict(row) | {"planning_s": f"{row.planning_s:.9f}"}).values())
     file.flush()
 
@@ -66,7 +66,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
 
 
 def read_rows(path: Path) -> pd.DataFrame:
-    """The inverse of `write_rows`: a column a field of `Row`.
+    """The inverse of `write_rows`: a column for each field of `Row`.
 
     Raises:
         InputError: no such file, other columns, a value that is wrong, two rows of a planner on one instance, or

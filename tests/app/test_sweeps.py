@@ -1,4 +1,4 @@
-"""Sweeps: a folder a job, what is finished is skipped, what broke is named, and each launcher runs."""
+"""Sweeps: one folder per job, what is finished is skipped, what broke is named, and each launcher runs."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def study(name: str) -> dict[str, Any]:
 
 
 def rows_of(planner: str, *moves: int | None, seconds: Sequence[float] = (), text: str = "", z: int = 3) -> list[Row]:
-    """A row an instance: its moves, None for a planner that gave up, NO_PLAN for a proof that there is no plan.
+    """One row per instance: its moves, None for a planner that gave up, NO_PLAN for a proof that there is no plan.
 
     text: the reason in every row; without one a row that is not solved has hit the move budget.
     """

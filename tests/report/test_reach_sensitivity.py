@@ -36,7 +36,7 @@ def row(obstacles: int = 3, clearance: float = 0.142, board: str = "3x6", stage:
 
 
 def measured(tmp_path: Path, rows: list[Row]) -> pd.DataFrame:
-    """The study's points, a row a column."""
+    """The study's points, one row per column."""
     pd.DataFrame(rows).to_csv(tmp_path / "reach_sensitivity.csv", index=False)
     return sources_of(fakes.study("reach_sensitivity"), tmp_path / "gone", tmp_path)["points"].rows
 
