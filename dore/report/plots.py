@@ -74,7 +74,9 @@ def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fi
 def _styles(spec: Spec, rows: Sequence[str]) -> dict[str, tuple[Any, Any]]:
     """Each row's colour and line style: those that the study names, or a colour per size and a style per planner."""
     if "colours" in spec:
-        return {row: (COLOURS[spec["colours"].get(row, "faint")], DASHES if _is_paper_row(row) else "-") for row in rows}
+        return {
+            row: (COLOURS[spec["colours"].get(row, "faint")], DASHES if _is_paper_row(row) else "-") for row in rows
+        }
     heads = list(dict.fromkeys(row.rpartition(", ")[0] for row in rows))
     colours = dict(zip(heads, colormaps["viridis"](np.linspace(0.0, 0.9, len(heads))), strict=True))
     tails = list(dict.fromkeys(row.rpartition(", ")[2] for row in rows))
