@@ -48,7 +48,7 @@ def evaluate_command(cfg: DictConfig) -> int:
     """Evaluate planners on a split, or resume that, and print the tables made from its rows.csv; the exit code."""
     if cfg.resume is not None:
         folder = path_of("resume", cfg.resume)
-        cfg = _own_config(folder)
+        cfg = _own_config(folder, cfg)
         with locked(folder, "resume"):
             return _evaluate(folder, Evaluation.of(cfg), cfg)
     evaluation = Evaluation.of(cfg)
@@ -71,9 +71,11 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
     return ExitCode.OK
 
 
-def _own_config(folder: Path) -> DictConfig:
+def _own_config(folder: Path, given: DictConfig) -> DictConfig:
     """An evaluation's own config, in which nothing may differ: rows of two kinds would be in one file."""
-    cfg = run_folder.read_config(folder, expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"))
+    cfg = run_folder.read_config(
+        folder, expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"), known=map(str, given)
+    )
     if changes := run_folder.changes():
         raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")
     return cfg

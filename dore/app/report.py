@@ -8,6 +8,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from dore.errors import ExitCode, flag, path_of, whole
+from dore.files import locked
 from dore.report import results, runs
 
 
@@ -25,9 +26,14 @@ def report_command(cfg: DictConfig) -> int:
     if flag("run", cfg.run):
         if folder is None:
             folder = path_of("study.folder", spec.get("folder", f"outputs/{name}"))
-        code = runs.make_missing(spec, folder, whole("jobs", cfg.jobs, 1, at_most=256))
+        folder.mkdir(parents=True, exist_ok=True)
+        with locked(folder, "folder"):
+            code = runs.make_missing(spec, folder, whole("jobs", cfg.jobs, 1, at_most=256))
         if code == ExitCode.STOPPED:
             print(f"stopped; resume with: dore-report study={name} run=true")
             return code
-    print(results.write_page(spec, name, folder, path_of("results", cfg.results)))
+    pages = path_of("results", cfg.results)
+    pages.mkdir(parents=True, exist_ok=True)
+    with locked(pages, "results"):
+        print(results.write_page(spec, name, folder, pages))
     return code

@@ -22,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from dore.configure import check_classes, leaves, renamed
 from dore.errors import InputError, path_of
 from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done, write_record
-from dore.schema import named
+from dore.schema import named, nearest
 
 CHECKPOINT = "checkpoint.pt"
 BUDGET = "budget"
@@ -106,11 +106,13 @@ def write_config(folder: Path, cfg: DictConfig) -> None:
     write_record(folder / ABOUT_FILE, about)
 
 
-def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) -> DictConfig:
-    """The config of a run folder, which must have the `expected` keys.
+def read_config(
+    folder: str | os.PathLike[str], expected: Iterable[str] = (), known: Iterable[str] | None = None
+) -> DictConfig:
+    """The config of a run folder, which must have the `expected` keys, and no other ones than the `known`.
 
     Raises:
-        InputError: no run folder.
+        InputError: no run folder, a damaged config, one that names what files may not name, or of another version.
     """
     path = Path(folder) / CONFIG_FILE
     try:
@@ -127,6 +129,11 @@ def read_config(folder: str | os.PathLike[str], expected: Iterable[str] = ()) ->
             f"{path}: of version 0.1, whose training cannot be resumed; its model still plans and evaluates, "
             "and a new run trains (training.updates and training.update_after instead of training.updates_per_step)"
         )
+    options = sorted({*known, *expected}) if known is not None else [str(key) for key in cfg]
+    for key in map(str, cfg):
+        if key not in options:
+            hint = "; its model still plans and evaluates" if (Path(folder) / CHECKPOINT).exists() else ""
+            raise InputError(f"{path}: {key}: no such key{nearest(key, options)}{hint}")
     plain = renamed(OmegaConf.to_container(cfg))
     for key, value in leaves(plain):
         if isinstance(value, str) and "${" in value:

@@ -25,7 +25,7 @@ def train_command(cfg: DictConfig) -> int:
     """Train a new run, or resume one; the exit code."""
     if cfg.resume is not None:
         folder = path_of("resume", cfg.resume)
-        return _resume(folder, _resumed_config(folder))
+        return _resume(folder, _resumed_config(folder, cfg))
     if cfg.existing not in ("refuse", "continue"):
         raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
     folder = path_of("run_dir", cfg.run_dir)
@@ -71,9 +71,9 @@ def _load(trainer: Trainer, checkpoint: Path) -> None:
         raise InputError(f"{checkpoint}: from a different layout, network or version ({why})") from None
 
 
-def _resumed_config(folder: Path) -> DictConfig:
+def _resumed_config(folder: Path, given: DictConfig) -> DictConfig:
     """The run's own config; of what the command line gives, only the budget may differ."""
-    cfg = run_folder.read_config(folder, expected=run_folder.LEARNING)
+    cfg = run_folder.read_config(folder, expected=run_folder.LEARNING, known=map(str, given))
     changes = run_folder.changes()
     for change in changes:
         if change.split("=")[0].lstrip("+~") not in run_folder.BUDGET_KEYS:

@@ -70,7 +70,7 @@ def read_rows(path: Path) -> pd.DataFrame:
 
     Raises:
         InputError: no such file, other columns, a value that is wrong, two rows of a planner on one instance, or
-            planners with different instances; names the line where there is one.
+            planners with different instances or contradicting results; names the line where there is one.
     """
     rows = read_table(path, ROW_COLUMNS, TEXT_COLUMNS)
     for name, known in (("status", Status), ("timing", Timing)):
@@ -83,7 +83,23 @@ def read_rows(path: Path) -> pd.DataFrame:
     if (twice := rows.duplicated(["planner", "instance"])).any():
         one = rows[twice].iloc[0]
         raise InputError(f"{path}: {one.planner} has two rows of instance {one.instance}")
+    check_proofs(rows, str(path))
     return rows
+
+
+def check_proofs(rows: pd.DataFrame, where: str) -> None:
+    """Refuse rows in which one planner solved what another one proved unsolvable.
+
+    Raises:
+        InputError: names the instance and both planners.
+    """
+    solved = rows[rows.status == Status.SOLVED].drop_duplicates("instance").set_index("instance").planner
+    shut = rows[(rows.status == Status.UNSOLVABLE) & rows.instance.isin(solved.index)]
+    if len(shut):
+        one = shut.iloc[0]
+        raise InputError(
+            f"{where}: {solved[one.instance]} solved instance {one.instance}, and {one.planner} proved it unsolvable"
+        )
 
 
 def read_table(path: str | os.PathLike[str], columns: Sequence[str], text: Sequence[str] | None) -> pd.DataFrame:

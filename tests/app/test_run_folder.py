@@ -46,3 +46,21 @@ def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
 
 def test_the_budgets_stop_reason_is_known_without_torch():
     assert run_folder.BUDGET == StopReason.BUDGET
+
+
+def test_an_unknown_key_in_a_runs_config_is_refused(tmp_path, capsys):
+    folder = tmp_path / "run"
+    assert run("train", [*TINY, f"run_dir={folder}"]) == 0
+    text = (folder / "config.yaml").read_text()
+    for damaged, says in (
+        (text + "treining: 3\n", "treining: no such key (did you mean training?)"),
+        (text + "seed: 4\n", "found duplicate key seed"),
+        (text.replace("  max_episodes:", "  max_episods:"), "training: "),
+        (text.replace("name: train", "name: ${oc.env:HOME}"), "name: got '${oc.env:HOME}', want a value"),
+        (text.replace("dore.learn.budget.Budget", "os.makedirs"), "the file names 'os.makedirs'"),
+    ):
+        (folder / "config.yaml").write_text(damaged)
+        assert run("train", [f"resume={folder}", "training.max_episodes=190"]) == 2
+        said = capsys.readouterr().err
+        assert says in said
+        assert said.count("\n") == 1

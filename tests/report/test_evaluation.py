@@ -107,3 +107,15 @@ def test_a_bad_file_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=why) as error:
             read_rows(path)
         assert "\n" not in str(error.value)
+
+
+def test_contradicting_proofs_are_refused(tmp_path: Path) -> None:
+    rows = evaluated(tmp_path, [baseline()])
+    one = rows[rows.status == "solved"].iloc[0]
+    line = f"exact,{one.instance},20,{one.n_obstacles},unsolvable,,0,0.1,5,single\n"
+    with (tmp_path / ROWS_FILE).open("a") as file:
+        file.write(line)
+    with pytest.raises(
+        InputError, match=f"straight_line solved instance {one.instance}, and exact proved it unsolvable"
+    ):
+        read_rows(tmp_path / ROWS_FILE)
