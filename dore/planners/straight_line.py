@@ -78,8 +78,8 @@ class StraightLine:
     ) -> None:
         self.reach = reach
         self.start_m = (
-            number(f"{KEY}.start_x_m", start_x_m),
-            number(f"{KEY}.start_y_m", start_y_m),
+            number(f"{KEY}.start_x_m", start_x_m, above=-10.0, at_most=10.0),
+            number(f"{KEY}.start_y_m", start_y_m, above=-10.0, at_most=10.0),
         )
         if self.start_m[0] >= reach.layout.front_m:
             raise InputError(

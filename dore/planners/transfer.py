@@ -79,7 +79,7 @@ class Transfer:
         self.relaxation = DeleteRelaxation(reach)
         self.max_moves = max_moves
         self.seed = seed_of("planners.transfer.seed", seed)
-        self.lr = number("planners.transfer.lr", lr, above=0.0)
+        self.lr = number("planners.transfer.lr", lr, above=0.0, at_most=10.0)
         number("planners.transfer.epsilon", epsilon, above=0.0, at_most=1.0)
         self.epsilon = LinearEpsilon(epsilon, epsilon, anneal_steps=1)
         self.budget = Budget(
