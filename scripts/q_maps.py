@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Patch, Rectangle
 from torch import Tensor
 
 from dore.draw.board_art import CELL_INCH, OBSTACLE_COLOUR, RADIUS, TARGET_COLOUR, draw_cells, extent, on_paper
-from dore.draw.style import INK, save_png
+from dore.draw.style import INK, save_figure
 from dore.errors import InputError
 from dore.learn.agents.sequential import Sequential
 from dore.learn.checkpoint import SHIPPED
@@ -145,7 +145,7 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
     ]
     look = {"ncols": 5, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
     figure.legend(handles=handles, loc="outside lower center", **look)
-    save_png(figure, path, DPI)
+    save_figure(figure, path, DPI)
 
 
 def _titles(wanted: Wanted, maps: tuple[Map, Map]) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 
 from dore.draw.board_art import OBSTACLE_COLOUR, TARGET_COLOUR, draw_cells
-from dore.draw.style import BLUE, INK, save_png
+from dore.draw.style import BLUE, INK, save_figure
 from dore.sim.motion.frames import Array
 from dore.sim.vision.perception import Frame
 from dore.sim.vision.scene_estimate import Detection, Shape, cell_of
@@ -39,7 +39,7 @@ def draw(path: Path, frame: Frame, seen: Sequence[Detection], placed: Arrangemen
     for one in seen:
         _outline(picture, frame, one, placed.layout)
     _board(board, seen, placed)
-    save_png(figure, path, dpi=160)
+    save_figure(figure, path, dpi=160)
 
 
 def _footprint(half_width: float, yaw: float, shape: Shape) -> Array:
