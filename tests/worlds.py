@@ -6,12 +6,16 @@ from functools import partial
 
 import torch
 
+from dore.learn import keys
 from dore.learn.agents.sequential import Sequential
 from dore.learn.agents.single import Single
 from dore.learn.env import RearrangeEnv, Rewards
 from dore.learn.networks import MLP, NetworkFactory
+from dore.world.board import pack
 from dore.world.generator import Difficulty, FreshInstances
+from dore.world.problem import Batch
 from dore.world.reach import Reach
+from dore.world.rules import legal_places
 
 REWARDS = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
 
@@ -45,3 +49,34 @@ def make_agent(
     if kind == "sequential":
         return Sequential(chain="literal" if literal else "natural", **common)
     return Single(n_slots=slots, heads="independent", **common)
+
+
+def random_legal(env: RearrangeEnv, observation, generator: torch.Generator):
+    """The same TensorDict with a random legal move in every row."""
+    pick = observation[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
+    places = legal_places(env.reach, observation[keys.BOARD], observation[keys.TARGET], observation[keys.VISITED], pick)
+    place = places.float().multinomial(1, generator=generator).squeeze(-1)
+    return observation.set(keys.PICK, pick).set(keys.PLACE, place)
+
+
+class Given:
+    """A source that always gives the same batch."""
+
+    def __init__(self, batch: Batch) -> None:
+        self.batch = batch
+
+    def draw(self, n: int) -> Batch:
+        return Batch(self.batch.board[:n], self.batch.target[:n])
+
+    def seed(self, seed: int) -> None: ...
+
+    def state_dict(self):
+        return {}
+
+    def load_state_dict(self, state) -> None: ...
+
+
+def board_of(reach, *cells: int):
+    occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool)
+    occupied[0, list(cells)] = True
+    return pack(occupied)

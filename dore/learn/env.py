@@ -163,7 +163,7 @@ class RearrangeEnv(EnvBase):
         return cell
 
     def _check_own(self, tensordict: TensorDictBase) -> None:
-        """Refuse an observation of other boards: `step` goes on from the environment's own."""
+        """Refuse an observation of other boards: `step` continues from the environment's own."""
         episodes = self._under_way()
         own = ((keys.BOARD, episodes.board), (keys.TARGET, episodes.target), (keys.VISITED, episodes.visited))
         for name, value in own:
@@ -221,7 +221,7 @@ class RearrangeEnv(EnvBase):
         return {**state, **{f"source.{name}": value for name, value in self.source.state_dict().items()}}
 
     def load_state_dict(self, state_dict: dict[str, Tensor]) -> None:  # type: ignore[override]
-        """Go on as the environment whose `state_dict` this is."""
+        """Continue as the environment whose `state_dict` this is."""
         names = ("board", "target", "visited", "moves")
         self._episodes = resumed(self.reach, *(state_dict[name].to(self.device, copy=True) for name in names))
         source = {name.removeprefix("source."): value for name, value in state_dict.items() if "." in name}

@@ -40,7 +40,7 @@ class Burst(NamedTuple):
         return first, rest
 
     def until(self, n_episodes: int) -> int:
-        """How many units it takes until so many episodes have ended, all of them where it has fewer."""
+        """How many units it takes until `n_episodes` have ended, all of them where the burst has fewer."""
         return min(int((self.episodes < n_episodes).sum()) + 1, len(self.episodes))
 
 
@@ -109,7 +109,7 @@ class Player:
         return {"env": self.env.state_dict(), "waiting": waiting, "length": self._length.clone()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on as the player whose `state_dict` this is."""
+        """Continue as the player whose `state_dict` this is."""
         self.env.load_state_dict(state["env"])
         self._observed = None
         self._length = state["length"].to(self.env.device)

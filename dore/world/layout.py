@@ -19,7 +19,7 @@ MAX_CELLS = 1024
 OBJECT_M = 0.07
 """The paper's objects are this wide, so cells that lie nearer cannot both hold one."""
 MAX_CELL_M = 1.0
-"""No cell is larger, which tells metres from centimetres."""
+"""No cell is larger, which distinguishes metres from centimetres."""
 FARTHEST_M = 10.0
 """No centre is farther from the base, for the same reason."""
 TABLE_CENTRE_M = 0.75

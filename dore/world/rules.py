@@ -17,7 +17,7 @@ from dore.world.reach import Reach
 
 
 class Failure(IntEnum):
-    """Why a move was refused (paper, section 5.1), or why an episode could not go on."""
+    """Why a move was refused (paper, section 5.1), or why an episode could not continue."""
 
     NONE = 0
     PICK = 1

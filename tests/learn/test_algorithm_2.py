@@ -1,145 +1,19 @@
-"""Algorithm 2 as printed: the fill counts for nothing, then an update follows each episode, in one order."""
+"""Algorithm 2 as printed: the fill counts for nothing, an update follows each episode, the last model is returned."""
 
 from __future__ import annotations
 
 import json
 import signal
 
-import hydra
 import pytest
 import torch
-from hydra.core.global_hydra import GlobalHydra
-from tensordict import TensorDict
-from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement
 
 from dore.app import session
-from dore.app.training import trainer_of
 from dore.errors import InputError
-from dore.files import conf_dir
-from dore.learn import keys
 from dore.learn.checkpoint import BEST_NAME, load_checkpoint, load_model
-from dore.learn.losses import PICKED
-from dore.learn.player import Burst, Player
-from dore.learn.replay import draw_in_order, restore
-from dore.learn.trainer import MAIN, Trainer
-from dore.world.rules import lift, retrievable
-from tests.commands import TINY, run
-from tests.drawings import wide_hand
-from tests.learn.test_trainer import metrics, same
-from tests.worlds import make_agent, make_env
-
-LITERAL = [
-    *(option for option in TINY if not option.startswith(("agent.", "training.", "layout."))),
-    *("layout.rows=3", "layout.cols=4", "instances.train_size=40", "training.fill=50", "training.batch_size=4"),
-    *("training.max_episodes=60", "target_update.value_network_update_interval=9"),
-]
-"""A tiny run of the paper's preset; its targets are copied every 10 updates."""
-
-
-def literal(paper: str, *overrides: str) -> Trainer:
-    GlobalHydra.instance().clear()
-    soft = "target_update=soft" in overrides
-    options = [option for option in LITERAL if not (soft and option.startswith("target_update."))]
-    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        return trainer_of(hydra.compose("train", [f"experiment=paper/{paper}", *options, *overrides]))
-
-
-def numbered(n: int, first: int = 0) -> TensorDict:
-    return TensorDict({"id": torch.arange(first, first + n)}, batch_size=[n])
-
-
-@pytest.mark.parametrize("held", [0, 3, 25])
-def test_draws_see_what_is_stored_by_then_and_nothing_that_is_written_over(held):
-    """A replay of 8: the k-th draw is uniform over the last 8 rows of those stored until then."""
-    torch.manual_seed(0)
-    buffer = ReplayBuffer(storage=LazyTensorStorage(8), batch_size=1)
-    for row in range(held):
-        buffer.extend(numbered(1, row))
-    stored = torch.tensor([1, 4, 5, 9, 14])
-    drawn = draw_in_order(buffer, numbered(14, held), stored, 4000)["id"].view(5, 4000)
-    assert len(buffer) == min(held, 8)
-    for ids, last in zip(drawn, (held + stored).tolist(), strict=True):
-        window = set(range(max(0, last - 8), last))
-        counts = torch.bincount(ids - min(window))
-        assert set(ids.tolist()) == window
-        assert counts.min() > 0.8 * 4000 / len(window)
-
-
-def test_a_sampler_that_is_not_uniform_is_refused():
-    """Drawing in order knows no other; and nothing would write priorities back."""
-    buffer = ReplayBuffer(storage=LazyTensorStorage(8), sampler=SamplerWithoutReplacement(), batch_size=1)
-    with pytest.raises(InputError, match="got SamplerWithoutReplacement, want RandomSampler"):
-        draw_in_order(buffer, numbered(3), torch.tensor([1]), 2)
-
-
-@pytest.mark.parametrize("num_envs", [1, 7])
-def test_an_episode_is_handed_over_whole_when_it_has_ended(num_envs):
-    torch.manual_seed(0)
-    reach = wide_hand(3, 4)
-    env = make_env(reach, num_envs, 5, max_moves=4)
-    player = Player(env, make_agent("sequential", True, reach), "episode")
-    player.reset()
-    lengths = []
-    for _ in range(60):
-        burst = player.play(epsilon=1.0)
-        assert burst.episodes.tolist() == list(range(1, len(burst.stored) + 1))
-        for k in range(len(burst.stored)):
-            episode = burst.split(k)[1].split(1)[0].rows
-            lengths.append(len(episode))
-            assert torch.equal(episode[keys.BOARD][1:], episode["next", keys.BOARD][:-1])
-            ended = episode["next", keys.TERMINATED].squeeze(-1).tolist()
-            assert ended[:-1] == [False] * (len(episode) - 1)
-            assert ended[-1] or len(episode) == 4, "only the step limit ends an episode that has not terminated"
-    assert {1, 2} < set(lengths)
-    assert sum(lengths) + int(player._length.sum()) == 60 * num_envs, "no step is lost or there twice"
-
-
-def one_after_the_other(trainer: Trainer, burst: Burst) -> None:
-    """Algorithm 2, lines 3-5, a line at a time: store an episode, draw, learn, and the next."""
-    for k in range(len(burst.stored)):
-        trainer.worlds[MAIN].buffer.extend(burst.split(k)[1].split(1)[0].rows)
-        age = (torch.rand(1, trainer.budget.batch_size, dtype=torch.float64) * len(trainer.worlds[MAIN].buffer)).long()
-        sample = trainer.worlds[MAIN].buffer[len(trainer.worlds[MAIN].buffer) - 1 - age.flatten()]
-        trainer.learner.update(trainer.learner.agent.decode(restore(sample)))
-
-
-@pytest.mark.parametrize(
-    ("paper", "num_envs", "more"),
-    [
-        ("sequential", 1, []),
-        ("sequential", 9, []),
-        ("single", 1, []),
-        ("single", 9, []),
-        ("sequential", 9, ["agent.double=true"]),
-        ("sequential", 9, ["target_update=soft"]),
-    ],
-)
-def test_many_environments_store_and_learn_in_the_order_of_one(paper, num_envs, more, monkeypatch):
-    """It draws, decodes and works out targets for many updates at once; the weights are those of one by one."""
-    options = (paper, f"env.num_envs={num_envs}", "buffer.storage.max_size=5000", *more)
-    trainer, by_the_book = literal(*options), literal(*options)
-    learned: list[tuple[torch.Tensor, Burst]] = []
-    learn = trainer._learn
-    monkeypatch.setattr(
-        trainer, "_learn", lambda world, burst: (learned.append((torch.get_rng_state(), burst)), learn(world, burst))
-    )
-    while trainer.progress.filled < 50:
-        trainer.iterate()
-    by_the_book.worlds[MAIN].buffer.extend(trainer.worlds[MAIN].buffer[:])
-    while not trainer.spent():
-        trainer.iterate()
-    for state, burst in learned:
-        torch.set_rng_state(state)
-        one_after_the_other(by_the_book, burst)
-    assert len(trainer.worlds[MAIN].buffer) == len(by_the_book.worlds[MAIN].buffer)
-    assert all(torch.equal(a, b) for a, b in zip(*(rows_of(one) for one in (trainer, by_the_book)), strict=True))
-    weights = [one.learner.agent.networks.state_dict() for one in (trainer, by_the_book)]
-    for name, value in weights[0].items():
-        torch.testing.assert_close(value, weights[1][name], rtol=1e-4, atol=1e-5)
-
-
-def rows_of(trainer: Trainer) -> list[torch.Tensor]:
-    return [value for _, value in sorted(trainer.worlds[MAIN].buffer[:].flatten_keys(".").items())]
+from dore.learn.trainer import MAIN
+from tests.commands import run
+from tests.learn.runs import LITERAL, key_of, literal, metrics, same
 
 
 @pytest.mark.parametrize("unit", ["episode", "step"])
@@ -166,7 +40,7 @@ def test_the_fill_counts_for_nothing_and_each_unit_has_its_update(unit):
     assert stored > 60
 
 
-def test_an_ipt_comes_exactly_every_so_many_episodes(monkeypatch):
+def test_an_ipt_follows_every_n_episodes_exactly(monkeypatch):
     """With twenty environments many episodes end at once; the weights tested are those after the n-th."""
     trainer = literal("sequential", "env.num_envs=20", "ipt.every_episodes=7")
     tested: list[tuple[int, int]] = []
@@ -194,14 +68,8 @@ def test_the_last_model_is_returned_and_the_best_lies_beside_it(tmp_path):
     assert done["best_success"] == max(float(row["success"]) for row in metrics(folder) if row["success"])
 
 
-def key_of(name: str) -> str:
-    """Where a checkpoint's loss keeps a weight of the networks."""
-    head, *rest = name.split(".")
-    return f"{head}_params." + ".".join(["module", *rest])
-
-
 @pytest.mark.parametrize("stop_at", [2, 7, 10, 12])
-def test_stopped_while_it_fills_or_learns_it_goes_on_as_if_it_had_not(tmp_path, stop_at, monkeypatch):
+def test_stopped_while_it_fills_or_learns_it_resumes_as_if_it_had_not(tmp_path, stop_at, monkeypatch):
     report = session.Session._report
 
     def interrupted(self, progress, tested):
@@ -234,7 +102,7 @@ def test_a_run_that_ends_while_it_fills_says_so(tmp_path, capsys):
     assert done["loss"] is None
 
 
-def test_only_the_budget_changes_when_a_run_goes_on(tmp_path, capsys):
+def test_only_the_budget_changes_when_a_run_is_resumed(tmp_path, capsys):
     folder = tmp_path / "run"
     assert run("train", ["experiment=paper/sequential", *LITERAL, "training.max_episodes=20", f"run_dir={folder}"]) == 0
     assert run("train", [f"resume={folder}", "training.fill=90"]) == 2
@@ -248,30 +116,6 @@ def test_a_killed_run_leaves_the_last_model_of_its_checkpoint(tmp_path, monkeypa
     last, _ = load_model(tmp_path / "run")
     networks = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["learner"]["loss"]
     assert all(torch.equal(value, networks[key_of(name)]) for name, value in last.items())
-
-
-def test_what_a_decoded_step_says_of_its_pick():
-    """The pick's chain ends where the pick failed, or where the lift opened the target; only a true pick is placed."""
-    torch.manual_seed(0)
-    reach = wide_hand(3, 4)
-    agent = make_agent("sequential", True, reach)
-    player = Player(make_env(reach, 200, 6), agent, "round")
-    player.reset()
-    step = player.env.step(random_cells(player, reach.n_cells))
-    decoded = agent.decode(step)
-    failed = torch.isin(step["next", keys.FAILURE], torch.tensor([1, 3]))
-    opened = retrievable(reach, lift(step[keys.BOARD], step[keys.PICK]), step[keys.TARGET])
-    assert torch.equal(decoded[PICKED], ~failed)
-    assert torch.equal(decoded["lifted", keys.TERMINATED].squeeze(-1), failed | opened)
-    assert {True, False} == set(failed.tolist()) == set((opened & ~failed).tolist())
-
-
-def random_cells(player: Player, n_cells: int) -> TensorDict:
-    """An action of any two cells in every environment."""
-    observed = player.env.observation()
-    n = observed.batch_size[0]
-    observed[keys.PICK], observed[keys.PLACE] = torch.randint(n_cells, (n,)), torch.randint(n_cells, (n,))
-    return observed
 
 
 def test_updates_begin_when_the_buffer_holds_enough():

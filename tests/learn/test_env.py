@@ -1,32 +1,22 @@
-"""The TorchRL environment: specs, rewards, resets that leave other rows alone, and the mask traps."""
+"""The TorchRL environment: specs, rewards, ends of episodes, and the mask traps."""
 
 from __future__ import annotations
 
 import pytest
 import torch
-from tensordict import TensorDict
 from torchrl.collectors import Collector
 from torchrl.envs import ActionMask, TransformedEnv, check_env_specs
 
 from dore.errors import InputError
 from dore.learn import keys
 from dore.learn.env import RearrangeEnv, Rewards
-from dore.world.board import pack
 from dore.world.instances import FixedInstances, InstanceSet
 from dore.world.layout import Layout
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import Failure, legal_places
+from dore.world.rules import Failure
 from tests.drawings import wide_hand
-from tests.worlds import REWARDS, make_agent, make_env
-
-
-def random_legal(env: RearrangeEnv, observation, generator: torch.Generator):
-    """The same TensorDict with a random legal move in every row."""
-    pick = observation[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
-    places = legal_places(env.reach, observation[keys.BOARD], observation[keys.TARGET], observation[keys.VISITED], pick)
-    place = places.float().multinomial(1, generator=generator).squeeze(-1)
-    return observation.set(keys.PICK, pick).set(keys.PLACE, place)
+from tests.worlds import REWARDS, Given, board_of, make_agent, make_env, random_legal
 
 
 @pytest.mark.parametrize("size", [(3, 6, 0.12), (10, 10, 0.09)])
@@ -50,80 +40,6 @@ def test_random_picks_under_an_action_mask_are_legal_through_partial_resets():
     failures = set(rollout["next", keys.FAILURE].flatten().tolist())
     assert Failure.PLACE in failures, "places are drawn without a mask"
     assert failures.isdisjoint({Failure.PICK, Failure.PICK_AND_PLACE})
-
-
-def test_partial_reset_leaves_the_other_rows_alone():
-    env = make_env(wide_hand(4, 6), 32, 6)
-    generator = torch.Generator().manual_seed(0)
-    observation = env.reset()
-    observation = env.step(random_legal(env, observation, generator))["next"]
-    ask = torch.zeros(32, 1, dtype=torch.bool)
-    ask[::3] = True
-    before, state = observation.clone(), env.state_dict()
-    after = env.reset(observation.clone().set("_reset", ask))
-    others = ~ask.squeeze(-1)
-    for key in (keys.BOARD, keys.TARGET, keys.VISITED, keys.LEGAL_PICK, keys.PICKABLE, keys.FAILURE):
-        assert torch.equal(after[key][others], before[key][others]), key
-    assert not torch.equal(after[keys.BOARD][~others], before[keys.BOARD][~others])
-    assert torch.equal(env.state_dict()["moves"][others], state["moves"][others])
-    assert (env.state_dict()["moves"][~others] == 0).all()
-
-
-def test_what_reset_and_step_return_may_be_written_into():
-    """Nothing that a caller does to it changes the environment, and nothing that the environment does changes it."""
-
-    def play(spoil: bool) -> TensorDict:
-        env = make_env(wide_hand(4, 6), 32, 6)
-        generator, taken = torch.Generator().manual_seed(0), []
-        observation = env.reset()
-        for _ in range(6):
-            acted = random_legal(env, observation.clone(), generator)
-            if spoil:
-                _fill_all(observation)
-            step = env.step(acted)["next"]
-            taken.append(step.clone())
-            ask = step[keys.DONE].clone()
-            if spoil:
-                _fill_all(step)
-            if ask.any():
-                env.reset(TensorDict({"_reset": ask}, batch_size=[32]))
-            observation = env.observation()
-        return torch.stack(taken)
-
-    clean, spoiled = play(spoil=False), play(spoil=True)
-    for key in clean.keys(include_nested=True, leaves_only=True):
-        assert torch.equal(clean[key], spoiled[key]), key
-
-
-def _fill_all(tensordict: TensorDict) -> None:
-    for leaf in tensordict.values(include_nested=True, leaves_only=True):
-        leaf.fill_(1)
-
-
-def test_later_steps_leave_what_was_returned_as_it_was():
-    env = make_env(wide_hand(4, 6), 32, 6)
-    generator = torch.Generator().manual_seed(0)
-    first = env.reset()
-    kept = first.clone()
-    observation = first.clone()
-    for _ in range(3):
-        _, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
-    for key in kept.keys(include_nested=True, leaves_only=True):
-        assert torch.equal(first[key], kept[key]), key
-
-
-@pytest.mark.parametrize("name", [keys.BOARD, keys.TARGET, keys.VISITED])
-def test_an_observation_that_is_not_the_environments_is_refused(name):
-    env = make_env(wide_hand(3, 6), 8, 6)
-    acted = random_legal(env, env.reset(), torch.Generator().manual_seed(0))
-    other = acted.clone()
-    other[name][3] ^= 1
-    with pytest.raises(
-        InputError, match=rf"^env\.step: {name}: got another one than the environment's, want"
-    ) as refusal:
-        env.step(other)
-    assert "\n" not in str(refusal.value)
-    env.step(acted)
 
 
 def test_actions_alone_are_enough_for_a_step():
@@ -175,29 +91,6 @@ def test_batch_equals_rows_one_by_one():
         alone = step(instances.batch(slice(row, row + 1)), *rows[:, row : row + 1])
         for key in (keys.BOARD, keys.LEGAL_PICK, keys.PICKABLE, keys.PICK_REWARD, keys.PLACE_REWARD, keys.FAILURE):
             assert torch.equal(alone[key][0], many[key][row]), (row, key)
-
-
-class Given:
-    """A source that always gives the same batch."""
-
-    def __init__(self, batch: Batch) -> None:
-        self.batch = batch
-
-    def draw(self, n: int) -> Batch:
-        return Batch(self.batch.board[:n], self.batch.target[:n])
-
-    def seed(self, seed: int) -> None: ...
-
-    def state_dict(self):
-        return {}
-
-    def load_state_dict(self, state) -> None: ...
-
-
-def board_of(reach, *cells: int):
-    occupied = torch.zeros(1, reach.n_cells, dtype=torch.bool)
-    occupied[0, list(cells)] = True
-    return pack(occupied)
 
 
 @pytest.mark.parametrize(
@@ -262,23 +155,6 @@ def test_no_legal_move_left_ends_the_episode():
     assert int(after[keys.FAILURE]) == Failure.NO_LEGAL_MOVE
     assert bool(after[keys.TERMINATED])
     assert float(after[keys.PLACE_REWARD]) == -1.0
-
-
-def test_state_dict_goes_on_as_the_original():
-    env, other = make_env(wide_hand(3, 6), 32, 6), make_env(wide_hand(3, 6), 32, 6, seed=9)
-    generator = torch.Generator().manual_seed(0)
-    observation = env.reset()
-    for _ in range(4):
-        _, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
-    other.load_state_dict(env.state_dict())
-    again, seed = other.observation(), generator.get_state()
-    for _ in range(4):
-        _, observation = env.step_and_maybe_reset(random_legal(env, observation, generator))
-    generator.set_state(seed)
-    for _ in range(4):
-        _, again = other.step_and_maybe_reset(random_legal(other, again, generator))
-    assert torch.equal(observation[keys.BOARD], again[keys.BOARD])
-    assert torch.equal(observation[keys.VISITED], again[keys.VISITED])
 
 
 def test_a_set_gives_only_its_own_instances():

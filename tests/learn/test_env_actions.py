@@ -10,8 +10,7 @@ from dore.learn import keys
 from dore.world.board import count
 from dore.world.rules import Failure
 from tests.drawings import wide_hand
-from tests.learn.test_env import random_legal
-from tests.worlds import make_env
+from tests.worlds import make_env, random_legal
 
 
 @pytest.mark.parametrize("kind", [torch.int64, torch.int32, torch.int16, torch.uint8])

@@ -22,8 +22,7 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure
 from tests.drawings import PUBLISHED, WIDE_HAND
-from tests.learn.test_env import Given
-from tests.worlds import REWARDS, make_agent
+from tests.worlds import REWARDS, Given, make_agent
 
 BOARDS, MOVES = 2000, 6
 SPREAD = tuple((0.45 + 0.11 * (i // 5) + 0.02 * (i % 3), 0.13 * (i % 5) - 0.26) for i in range(17))

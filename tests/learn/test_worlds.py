@@ -1,4 +1,4 @@
-"""One learner on several worlds: whose turn it is, what they share, what is kept, and how a stopped run goes on."""
+"""One learner on several worlds: whose turn it is, what they share, what is kept, and how a stopped run is resumed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dore.world.generator import Difficulty, FreshInstances
 from tests.app.test_conf import compose
 from tests.commands import run
 from tests.drawings import wide_hand
-from tests.learn.test_trainer import metrics, same
+from tests.learn.runs import metrics, same
 
 SETTINGS = (
     *("instances.validation_size=20", "instances.test_size=20", "env.num_envs=8", "buffer.storage.max_size=300"),
@@ -209,7 +209,7 @@ def test_a_run_is_of_the_worlds_that_it_was_started_with(tmp_path, capsys):
 
 
 def test_a_checkpoint_from_before_there_were_worlds_resumes(tmp_path):
-    """Its parts lay side by side; it goes on bit for bit."""
+    """Its parts lay side by side; it resumes bit for bit."""
     one = [*GENERAL, "layout.rows=3", "layout.cols=4", "training.max_episodes=70"]
     for name in ("new", "old"):
         assert run("train", [*one, f"run_dir={tmp_path / name}"]) == 0

@@ -88,7 +88,7 @@ def test_an_obstacle_out_of_reach_has_its_own_way_cleared_first() -> None:
     assert second == far
 
 
-def test_a_lane_is_cleared_where_the_corridor_holds_nothing() -> None:
+def test_an_approach_is_cleared_where_the_corridor_holds_nothing() -> None:
     drawing = """
         . o T . .
         . . . o .
@@ -188,7 +188,9 @@ BLOCKED = """
         ([(-1, 0)], Status.GAVE_UP, r"move 1 \(0 to 1\): no obstacle on cell 0"),
     ],
 )
-def test_a_draft_that_breaks_a_rule_is_refused_by_name(moves: list[tuple[int, int]], status: Status, why: str) -> None:
+def test_a_raw_plan_that_breaks_a_rule_is_refused_by_name(
+    moves: list[tuple[int, int]], status: Status, why: str
+) -> None:
     scene = scene_of(BLOCKED)
     reach = Reach(scene.layout, **PUBLISHED)  # type: ignore[arg-type]
     one = Batch.of(Problem(scene, reach))

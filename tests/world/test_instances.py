@@ -98,7 +98,7 @@ def test_targets_of_another_type_are_refused() -> None:
 
 
 @pytest.mark.parametrize("reach", [REACH, wide_hand(9, 9)])
-def test_a_fresh_source_goes_on_where_its_state_was_taken(reach: Reach) -> None:
+def test_a_fresh_source_continues_where_its_state_was_taken(reach: Reach) -> None:
     source = FreshInstances(reach, SOME, "train", seed=5)
     source.draw(123)
     state = source.state_dict()
@@ -112,7 +112,7 @@ def test_a_fresh_source_goes_on_where_its_state_was_taken(reach: Reach) -> None:
         assert torch.equal(again.target, batch.target)
 
 
-def test_a_fixed_source_goes_on_where_its_state_was_taken() -> None:
+def test_a_fixed_source_continues_where_its_state_was_taken() -> None:
     instances = InstanceSet.generate(REACH, 50, SOME, "train", seed=0)
     source = FixedInstances(instances, seed=5)
     source.draw(10)

@@ -166,7 +166,7 @@ def test_the_mirrored_board_is_mirrored() -> None:
     )
 
 
-def test_the_arms_yaw_limit_rules_lanes_out() -> None:
+def test_the_arms_yaw_limit_rules_corridors_out() -> None:
     layout = Layout.grid(3, 6, 0.12)
     reach = Reach(layout, 0.1, 30.0, 61, max_yaw_deg=10.0)
     for cell, (x, y) in enumerate(layout.cells):
@@ -179,7 +179,7 @@ def test_the_arms_yaw_limit_rules_lanes_out() -> None:
     assert accessible[:6].tolist() == [False, False, True, True, False, False]
 
 
-def test_the_arms_lateral_limit_rules_lanes_out() -> None:
+def test_the_arms_lateral_limit_rules_corridors_out() -> None:
     layout = Layout.grid(3, 6, 0.12)
     reach = Reach(layout, 0.1, 30.0, 61, staging_m=0.1, lateral_limit_m=0.15)
     for cell, (x, y) in enumerate(layout.cells):

@@ -32,7 +32,7 @@ class Single(Agent):
 
     Args:
         network: makes the network.
-        n_slots: Z, the most obstacles that the pick head can tell apart.
+        n_slots: Z, the most obstacles that the pick head can distinguish.
         heads: see `dore.learn.losses.SingleLoss`.
         reach, hyperparameters: see `Agent` and `Hyperparameters`.
 
