@@ -18,7 +18,8 @@ from dore.sim.scene.urdf import arm_files
 from dore.world.files import read_plan
 from dore.world.layout import Layout
 from dore.world.reach import Reach
-from scripts.measure_reach import Surveyor, main, survey
+from scripts.measure_reach import Options, Surveyor, main
+from scripts.program import run
 from tests.report import fakes
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)
@@ -51,7 +52,7 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
     """Every cell and sector of 3 x 6: none is allowed that the arm cannot follow, and none forbidden that it can."""
     followed = torch.tensor(
         [
-            [surveyor.corridor(cell, sector, others=False).followed for sector in range(surveyor.reach.n_sectors)]
+            [not surveyor.corridor(cell, sector, others=False).why_not for sector in range(surveyor.reach.n_sectors)]
             for cell in range(LAYOUT.n_cells)
         ]
     )
@@ -60,7 +61,7 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
 
 def check_no_contact(surveyor: Surveyor, corridors: list[list[int]]) -> int:
     """No allowed corridor touches an object on a cell that the rule leaves free; returns how many touch elsewhere."""
-    found = survey(surveyor, corridors)
+    found = surveyor.survey(corridors)
     assert found.followed.sum() == len(corridors)
     assert found.not_blocked.nonzero().tolist() == []
     return int(found.touched.sum())
@@ -81,17 +82,17 @@ def test_a_clearance_too_small_is_found_out(surveyor):
     """The survey itself: with 1 cm less, it names corridors on which an object would be touched."""
     narrow = Surveyor(ARM, OBJECTS, LAYOUT)
     narrow.reach = Reach(LAYOUT, **{**surveyor.reach.to_dict(), "clearance_m": surveyor.reach.clearance_m - 0.01})
-    found = survey(narrow, [[7, sector] for sector in range(60)])
+    found = narrow.survey([[7, sector] for sector in range(60)])
     assert found.not_blocked.any()
     assert (found.off_line_m()[found.not_blocked] > narrow.reach.clearance_m).all()
-    counted = found.corridors().sum(numeric_only=True)
+    counted = found.corridor_rows().sum(numeric_only=True)
     assert counted.touched_not_blocked == found.not_blocked.sum()
     assert (counted.touched, counted.blocked) == (found.touched.sum(), found.blocking[7].sum())
 
 
 def test_a_layout_that_the_arm_only_half_reaches_and_its_page(tmp_path):
     """One column; its last cell is out of reach and yet allowed, which the exit code says."""
-    assert main([str(tmp_path), "--rows", "4", "--cols", "1", "--set", "n_sectors=5"]) == 1
+    assert run(main, Options, [f"out={tmp_path}", "rows=4", "cols=1", "arm_keys=[n_sectors=5]"]) == 1
     rows = list(csv.DictReader((tmp_path / "corridors" / "rows.csv").open()))
     assert len(rows) == 20
     assert all(row["allowed"] == "1" for row in rows)

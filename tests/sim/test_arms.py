@@ -23,7 +23,7 @@ from dore.sim.scene.urdf import arm_files
 from dore.world.layout import Layout
 from dore.world.plan import Move, Plan, PlanFile, Status, replay
 from dore.world.problem import Problem, Scene
-from scripts.measure_reach import Surveyor, survey
+from scripts.measure_reach import Surveyor
 from tests.app.test_conf import compose
 from tests.jaco_urdf import jaco_urdf
 
@@ -75,8 +75,8 @@ def test_a_sample_of_allowed_corridors_is_followed_and_touches_nothing(place):
     surveyor = Surveyor(place.arm, place.objects, place.layout)
     allowed = surveyor.reach.allowed_sectors.nonzero().tolist()
     sample = [[cell, sector] for cell, sector in allowed if sector % 15 == cell % 5]
-    found = survey(surveyor, sample)
-    assert [why for why in found.why.values() if why] == []
+    found = surveyor.survey(sample)
+    assert [why for why in found.why_not.values() if why] == []
     assert found.not_blocked.nonzero().tolist() == []
 
 
@@ -124,7 +124,7 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows_and_touch_noth
     place = places[name]
     surveyor = Surveyor(place.arm, place.objects, place.layout)
     every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.allowed_sectors.shape)).tolist()
-    found = survey(surveyor, every)
+    found = surveyor.survey(every)
     assert torch.equal(found.followed, surveyor.reach.allowed_sectors)
     assert found.not_blocked.nonzero().tolist() == []
 
