@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 
@@ -13,23 +14,6 @@ from dore.world.plan import Move, Plan, PlanError, Status, replay
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import lift
-
-
-class Planner(Protocol):
-    """Plans rearrangements. Constructors take `reach: Reach` first, then keys of their own."""
-
-    name: str
-    """What plans, rows and tables call it."""
-
-    def plan(self, batch: Batch) -> list[Plan]:
-        """One plan an instance, each of them replayed; no moves where the target is accessible already.
-
-        Args:
-            batch: boards Int64[B, W] and targets Int64[B].
-
-        Raises:
-            PlanError: a plan does not replay, which is a fault of the planner.
-        """
 
 
 class RawPlan(NamedTuple):
@@ -48,10 +32,33 @@ class RawPlan(NamedTuple):
     """Why there is no solution, in a few words."""
 
 
-def parts_of(batch: Batch, size: int) -> Iterator[Batch]:
-    """The instances of a batch, `size` at a time."""
-    for first in range(0, len(batch.target), size):
-        yield Batch(batch.board[first : first + size], batch.target[first : first + size])
+class Planner(ABC):
+    """Plans rearrangements. Constructors take `reach: Reach` first, then keys of their own."""
+
+    name: str
+    """What plans, rows and tables call it."""
+    reach: Reach
+    group: int | None = None
+    """The most instances that `raw_plans` gets at once; None: any number."""
+
+    def plan(self, batch: Batch) -> list[Plan]:
+        """One plan an instance, each of them replayed; no moves where the target is accessible already.
+
+        Args:
+            batch: boards Int64[B, W] and targets Int64[B].
+
+        Raises:
+            PlanError: a plan does not replay, which is a fault of the planner.
+        """
+        n = len(batch.target)
+        size = self.group or max(1, n)
+        parts = [Batch(*(field[first : first + size] for field in batch)) for first in range(0, n, size)]
+        raw_plans = [raw_plan for part in parts for raw_plan in self.raw_plans(part)]
+        return checked_plans(self.reach, batch, raw_plans, self.name)
+
+    @abstractmethod
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
+        """What is found for each instance of a batch, before anything is checked."""
 
 
 def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], planner: str) -> list[Plan]:

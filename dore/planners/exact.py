@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from dore.errors import number, whole
 from dore.planners.astar import Search, SearchLimits
-from dore.planners.base import RawPlan, checked_plans, parts_of
+from dore.planners.base import Planner, RawPlan
 from dore.planners.bounds import DeleteRelaxation
 from dore.planners.visited_set import SeenBoardsFull
-from dore.world.plan import Plan
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
-GROUP = 256
-"""Instances searched together; more would not make the tensors any faster."""
 
-
-class Exact:
+class Exact(Planner):
     """A* (Hart, Nilsson and Raphael, 1968) over boards, with a proof either way.
 
     Unit costs; the bound is that of the delete relaxation (`DeleteRelaxation`), at least the fewest obstacles on any
@@ -52,6 +48,7 @@ class Exact:
     """
 
     name = "exact"
+    group = 256  # More would not make the tensors any faster.
 
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float, max_memory_mb: float) -> None:
         self.reach = reach
@@ -62,22 +59,17 @@ class Exact:
         )
         self.relaxation = DeleteRelaxation(reach)
 
-    def plan(self, batch: Batch) -> list[Plan]:
-        """All instances, `GROUP` at a time; see `Planner`."""
-        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._raw_plans(part)]
-        return checked_plans(self.reach, batch, raw_plans, self.name)
-
-    def _raw_plans(self, part: Batch) -> list[RawPlan]:
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """Plan instances together, and those that do not fit into memory one by one."""
-        search = Search(self.reach, self.relaxation, self.limits, part)
+        search = Search(self.reach, self.relaxation, self.limits, batch)
         try:
             search.run()
         except SeenBoardsFull:
             waiting = search.alive.nonzero().squeeze(-1).tolist()
-            if len(part.target) > 1:
+            if len(batch.target) > 1:
                 done = search.raw_plans()
                 for row in waiting:
-                    (done[row],) = self._raw_plans(Batch(part.board[row, None], part.target[row, None]))
+                    (done[row],) = self.raw_plans(Batch(batch.board[row, None], batch.target[row, None]))
                 return done
             search.give_up(f"memory budget: {search.seen.size} boards seen")
         return search.raw_plans()

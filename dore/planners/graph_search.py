@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from dore.errors import number, whole
-from dore.planners.base import RawPlan, checked_plans, parts_of
+from dore.planners.base import Planner, RawPlan
 from dore.world.board import bit
-from dore.world.plan import Plan, Status
+from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, lift, retrievable
@@ -23,7 +23,7 @@ Edge = tuple[Node, int, int]
 """The node that a node was made from, and the move between them: (pick, place) cells, from 0."""
 
 
-class GraphSearch:
+class GraphSearch(Planner):
     """Breadth-first search over boards, a node and a branch at a time.
 
     As in the paper: a node is a board; branching b_p over which obstacle to pick gives an intermediate node, and
@@ -46,19 +46,16 @@ class GraphSearch:
     """
 
     name = "graph_search"
+    group = 1
 
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float) -> None:
         self.reach = reach
         self.max_nodes = whole("planners.graph_search.max_nodes", max_nodes, 1)
         self.max_seconds = number("planners.graph_search.max_seconds", max_seconds, above=0.0)
 
-    def plan(self, batch: Batch) -> list[Plan]:
-        """One plan an instance, planned one by one; see `Planner`."""
-        raw_plans = [self._raw_plan(*alone) for alone in parts_of(batch, 1)]
-        return checked_plans(self.reach, batch, raw_plans, self.name)
-
-    def _raw_plan(self, board: Tensor, target: Tensor) -> RawPlan:
-        """The plan of one instance: Int64[1, W], Int64[1]."""
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
+        """The plan of one instance."""
+        board, target = batch
         began = time.perf_counter()
         start: Node = tuple(board[0].tolist())
         made_from: dict[Node, Edge | None] = {start: None}
@@ -80,11 +77,11 @@ class GraphSearch:
         seconds = time.perf_counter() - began
         if goal is not None:
             moves = _moves(made_from, goal)
-            return RawPlan(moves, Status.SOLVED, seconds, expansions, len(moves))
+            return [RawPlan(moves, Status.SOLVED, seconds, expansions, len(moves))]
         if waiting:
-            return RawPlan([], Status.GAVE_UP, seconds, expansions, reason=spent)
+            return [RawPlan([], Status.GAVE_UP, seconds, expansions, reason=spent)]
         reason = f"all {len(made_from)} boards that can be reached are exhausted"
-        return RawPlan([], Status.UNSOLVABLE, seconds, expansions, reason=reason)
+        return [RawPlan([], Status.UNSOLVABLE, seconds, expansions, reason=reason)]
 
     def _branches(self, node: Node, target: Tensor) -> Iterator[tuple[Node, int, int, bool]]:
         """The next nodes, the move (pick, place) to each, and whether the target is accessible there."""

@@ -9,18 +9,16 @@ from dataclasses import dataclass
 import torch
 
 from dore.errors import number, whole
-from dore.planners.base import RawPlan, checked_plans, parts_of
+from dore.planners.base import Planner, RawPlan
 from dore.planners.beam import Beam
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
 from dore.world.episode import MAX_MOVES
-from dore.world.plan import Plan, Status
+from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 
-GROUP = 64
-"""Instances searched together."""
 WIDER = 4
 """By how much a beam that found nothing, or may find a shorter plan, is widened."""
 
@@ -49,7 +47,7 @@ class _Attempt:
         return RawPlan([], status, self.seconds, self.expansions, reason=self.refusal)
 
 
-class Guided:
+class Guided(Planner):
     """Complete anytime beam search (Zhang, 1998) with Q-values as the heuristic.
 
     A layer holds the boards after one move more. As in Q* (Agostinelli and others, 2021), a move is ranked by the
@@ -78,6 +76,7 @@ class Guided:
     """
 
     name = "guided"
+    group = 64
 
     def __init__(
         self,
@@ -102,22 +101,18 @@ class Guided:
         self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12)
         self.relaxation = DeleteRelaxation(reach)
 
-    def plan(self, batch: Batch) -> list[Plan]:
-        """All instances, `GROUP` at a time; see `Planner`."""
-        raw_plans = [raw_plan for part in parts_of(batch, GROUP) for raw_plan in self._raw_plans(part)]
-        return checked_plans(self.reach, batch, raw_plans, self.name)
-
-    def _raw_plans(self, start: Batch) -> list[RawPlan]:
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
+        """Search them together until each is solved, refused or given up."""
         began = time.perf_counter()
-        searches = [_Attempt(fewest) for fewest in fewest_blocking(self.reach, start).tolist()]
-        for search, is_open in zip(searches, retrievable(self.reach, *start).tolist(), strict=True):
+        searches = [_Attempt(fewest) for fewest in fewest_blocking(self.reach, batch).tolist()]
+        for search, is_open in zip(searches, retrievable(self.reach, *batch).tolist(), strict=True):
             if is_open:
                 search.moves, search.proved, search.over = [], True, True
         width, longest = self.width, self.max_moves
         while alive := [row for row, search in enumerate(searches) if not search.over]:
-            self._widen(start, searches, alive, width, longest, began)
+            self._widen(batch, searches, alive, width, longest, began)
             if width == self.width:
-                self._refuse_locked(start, searches)
+                self._refuse_locked(batch, searches)
             share = (time.perf_counter() - began) / len(alive)
             for row in alive:
                 searches[row].seconds += share

@@ -10,16 +10,16 @@ from dore.errors import InputError, path_of, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.rollout import Rollout, greedy_rollout
-from dore.planners.base import RawPlan, checked_plans
+from dore.planners.base import Planner, RawPlan
 from dore.world.episode import MAX_MOVES
 from dore.world.layout import Layout
-from dore.world.plan import Plan, Status
+from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import Failure
 
 
-class Learned:
+class Learned(Planner):
     """Acts by the largest legal Q-value; boards it has visited are ruled out, so it never loops.
 
     Args:
@@ -59,12 +59,8 @@ class Learned:
             raise InputError(f"model: {self._file} does not fit its own config ({why})") from None
         return agent
 
-    def plan(self, batch: Batch) -> list[Plan]:
-        """All instances at once; see `Planner`."""
-        return checked_plans(self.reach, batch, self.raw_plans(batch), self.name)
-
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """The greedy episodes as raw plans, not replayed yet."""
+        """The greedy episodes, all at once."""
         began = time.perf_counter()
         rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))

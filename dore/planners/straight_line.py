@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, flag, number, whole
-from dore.planners.base import RawPlan, checked_plans, parts_of
+from dore.planners.base import Planner, RawPlan
 from dore.world import board as boards
 from dore.world.episode import MAX_MOVES
 from dore.world.layout import Layout
-from dore.world.plan import Plan, Status
+from dore.world.plan import Status
 from dore.world.problem import Batch, cell_id
 from dore.world.reach import Reach
 from dore.world.rules import legal_places, lift
@@ -36,7 +36,7 @@ KEY = "planners.straight_line"
 """Where a config has this planner's settings."""
 
 
-class StraightLine:
+class StraightLine(Planner):
     """Removes everything in the straight corridor from the end-effector's start to the target, nearest first.
 
     The corridor is a rectangle from the start to the cell's centre. An obstacle in it that is not accessible has
@@ -66,6 +66,7 @@ class StraightLine:
     """
 
     name = "straight_line"
+    group = 1
 
     def __init__(
         self,
@@ -94,13 +95,9 @@ class StraightLine:
         self.approaches = _approaches(reach, self.start_m)
         self.farthest = _farthest(reach.layout)
 
-    def plan(self, batch: Batch) -> list[Plan]:
-        """One plan an instance, planned one by one; see `Planner`."""
-        raw_plans = [self._raw_plan(*alone) for alone in parts_of(batch, 1)]
-        return checked_plans(self.reach, batch, raw_plans, self.name)
-
-    def _raw_plan(self, board: Tensor, target: Tensor) -> RawPlan:
-        """The plan of one instance: Int64[1, W], Int64[1]."""
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
+        """The plan of one instance."""
+        board, target = batch
         began = time.perf_counter()
         clearing = _Clearing(self, board, target)
         status, reason = Status.SOLVED, ""
@@ -111,7 +108,7 @@ class StraightLine:
             if not clearing.accessible[clearing.target]:
                 status, reason = Status.GAVE_UP, str(stuck)
         taken = time.perf_counter() - began
-        return RawPlan(clearing.moves, status, taken, expansions=len(clearing.moves), reason=reason)
+        return [RawPlan(clearing.moves, status, taken, expansions=len(clearing.moves), reason=reason)]
 
 
 class _Stuck(Exception):

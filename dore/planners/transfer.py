@@ -17,12 +17,12 @@ from dore.learn.learner import Learner
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.learn.trainer import MAIN, StopReason, Trainer
 from dore.learn.worlds import World
-from dore.planners.base import RawPlan, checked_plans
+from dore.planners.base import Planner, RawPlan
 from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned, raw_plan_of
 from dore.world.instances import InstanceSet
-from dore.world.plan import Plan, Status
+from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
@@ -32,7 +32,7 @@ TEST_EVERY = 16
 """Episodes between two tests (Algorithm 1: one)."""
 
 
-class Transfer:
+class Transfer(Planner):
     """The greedy policy; on failure, transfer learning on a copy. The base model stays as it was.
 
     The experience memory is made from the failed instance alone (`InstanceMemory`), by epsilon-greedy moves. The copy
@@ -97,8 +97,8 @@ class Transfer:
             precision="float32",
         )
 
-    def plan(self, batch: Batch) -> list[Plan]:
-        """The base model on all instances at once, then one learning after the other; see `Planner`."""
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
+        """The base model on all instances at once, then one learning after the other."""
         began = time.perf_counter()
         raw_plans = self.base.raw_plans(batch)
         locked = self.relaxation.locked(*batch).tolist()
@@ -111,7 +111,7 @@ class Transfer:
             else:
                 alone = InstanceSet(self.reach, batch.board[row, None], batch.target[row, None])
                 raw_plans[row] = self._learn(alone, share)
-        return checked_plans(self.reach, batch, raw_plans, self.name)
+        return raw_plans
 
     def _learn(self, instance: InstanceSet, spent_s: float) -> RawPlan:
         """The plan of a copy of the model that learns on one instance; its reason says for how long."""
