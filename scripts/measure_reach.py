@@ -134,11 +134,6 @@ class Survey:
         return unpack(self.reach.blockers, self.reach.n_cells)
 
     @property
-    def not_followed(self) -> Tensor:
-        """Bool[G, S]: allowed, and yet the arm cannot; each one is a bug."""
-        return self.reach.allowed_sectors & ~self.followed
-
-    @property
     def not_blocked(self) -> Tensor:
         """Bool[G, S, G]: touched on an allowed corridor, though the rule lets an object stand there: a bug."""
         return self.touched & ~self.blocking & self.reach.allowed_sectors[..., None]
@@ -202,7 +197,7 @@ def main(options: Options) -> int:
     }
     write_measurements(options.out / "corridors", found.corridor_rows(), **about)
     write_measurements(options.out / "objects", found.object_rows(), **about)
-    return int(bool(found.not_followed.any() or found.not_blocked.any()))
+    return int(bool((found.reach.allowed_sectors & ~found.followed).any() or found.not_blocked.any()))
 
 
 if __name__ == "__main__":

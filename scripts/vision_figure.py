@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +20,9 @@ from dore.sim.vision.perception import Frame
 from dore.sim.vision.scene_estimate import Detection, Shape, cell_of
 from dore.world.layout import Layout
 from dore.world.problem import cell_id
-from scripts.vision_scenes import Arrangement
+
+if TYPE_CHECKING:
+    from scripts.measure_vision import Arrangement
 
 _TO_PAPER = np.array([[0, 1], [-1, 0]])
 """Right is the robot's right, up is away from it."""
