@@ -108,7 +108,7 @@ def cold_start(options: Options) -> Rows:
     """Part e: processes, and the same scene again and again in this one."""
     scene, rows = read_scene(SCENE), []
     for name in ("learned", "guided"):
-        imports = process_seconds(sys.executable, "-c", f"import dore.app.cli, dore.app.commands, dore.planners.{name}")
+        imports = process_seconds(sys.executable, "-c", f"import dore.app.cli, dore.app.plan, dore.planners.{name}")
         command = Path(sys.executable).with_name("dore-plan")
         with TemporaryDirectory() as folder:
             words = (f"scene={SCENE}", f"planner={name}", "reach=wide_hand", f"out={folder}/plan.json")
