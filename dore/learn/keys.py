@@ -54,6 +54,11 @@ SLOT_MASK: Key = ("pick", "slot_mask")
 SLOT_VALUE: Key = ("pick", "slot_value")
 """Float[B, Z]: Q_1."""
 
+PICKED = "picked"
+"""Bool[B]: the pick did not fail, so something was placed; of a decoded batch, as the next."""
+LIFTED = "lifted"
+"""The pick head's observation, mask and `terminated` after the lift: its next state in the literal chain."""
+
 
 def below(group: str, *names: NestedKey) -> list[NestedKey]:
     """Those keys inside a nested TensorDict."""

@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModule
+from tensordict.nn import TensorDictModule, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor
 from torchrl.objectives.common import LossModule
@@ -24,6 +24,7 @@ from dore.errors import number
 from dore.learn import keys
 
 MaskMode = Literal["legal", "literal"]
+FailedPick = Literal["skip", "punish"]
 Values = dict[str | keys.Key, Tensor]
 PICK_TARGET, PLACE_TARGET = ("pick", "target"), ("place", "target")
 """Float[B, 1]: the temporal-difference target of each chosen action."""
@@ -66,6 +67,8 @@ class QLoss(LossModule):
         double: double Q-learning.
         mask_mode: see `masked`.
         loss_function: `l2` or `smooth_l1`.
+        failed_pick: what the place head learns where the pick failed and nothing was placed: `skip`: nothing;
+            `punish`: r_n.
         reduction: `mean`, `sum` or `none`.
     """
 
@@ -82,6 +85,7 @@ class QLoss(LossModule):
         place_mask: NestedKey = keys.PLACE_MASK
         place_reward: NestedKey = keys.PLACE_REWARD
         terminated: NestedKey = keys.TERMINATED
+        picked: NestedKey = keys.PICKED
         priority: NestedKey = "td_error"
         priority_weight: NestedKey = "priority_weight"
 
@@ -97,9 +101,11 @@ class QLoss(LossModule):
         double: bool,
         mask_mode: MaskMode,
         loss_function: str,
-        reduction: str = "mean",
+        failed_pick: FailedPick,
+        reduction: str,
     ) -> None:
         super().__init__()
+        self.failed_pick = failed_pick
         self.gamma = gamma
         self.double = double
         self.mask_mode = mask_mode
@@ -134,12 +140,38 @@ class QLoss(LossModule):
         self.value_type = ValueEstimators.TD0
         return self
 
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        """loss_pick and loss_place of a decoded batch, or of one with its targets."""
+        online: Values = {}
+        for name in self._online:
+            online |= self._run(name, tensordict)
+        ahead = PICK_TARGET in tensordict.keys(True)
+        return self._losses(tensordict, tensordict if ahead else self._with_targets(tensordict, online), online)
+
     def with_targets(self, batch: TensorDictBase) -> TensorDict:
         """What `forward` needs of a decoded batch, targets included.
 
         For many updates between which the target networks do not change: one large pass instead of many small ones.
-        Not for double Q-learning, whose targets also depend on the online networks.
+
+        Raises:
+            ValueError: Q-learning is double, so targets change with the online networks.
         """
+        if self.double:
+            raise ValueError("with_targets: not for double Q-learning, whose targets change with each update")
+        return self._with_targets(batch, {})
+
+    @torch.no_grad()
+    def _with_targets(self, batch: TensorDictBase, online: Values) -> TensorDict:
+        names = self.tensor_keys
+        pick_target, place_target = self._targets(batch, online)
+        kept = batch.select(*self._observations, names.pick_action, names.place_action)
+        if self.failed_pick == "skip":
+            kept[names.picked] = batch[names.picked]
+        return kept.update({"pick": {"target": pick_target}, "place": {"target": place_target}})
+
+    def _targets(self, batch: TensorDictBase, online: Values) -> tuple[Tensor, Tensor]:
+        """Float[B, 1] of the pick and the place; online: the online values of the batch where Q-learning is double."""
         raise NotImplementedError
 
     def _run(self, name: str, batch: TensorDictBase) -> Values:
@@ -157,23 +189,20 @@ class QLoss(LossModule):
         target = self._run_target(name, batch)
         return target, self._run(name, batch) if self.double else target
 
-    def _losses(
-        self,
-        tensordict: TensorDictBase,
-        batch: TensorDictBase,
-        values: tuple[Tensor, Tensor],
-        counted: Tensor | None = None,
-    ) -> TensorDict:
-        """`out_keys` from the heads' values Float[B, n]; the priorities go to `tensordict`.
+    def _best(self, head: str, target: Values, chosen_by: Values, masks: TensorDictBase) -> Tensor:
+        """`best_value` of the pick head or the place head."""
+        value, mask = getattr(self.tensor_keys, f"{head}_value"), getattr(self.tensor_keys, f"{head}_mask")
+        return best_value(target[value], chosen_by[value], masks[mask], self.mask_mode)
 
-        counted: Bool[B], the rows from which the place head learns; None: all.
-        """
+    def _losses(self, tensordict: TensorDictBase, batch: TensorDictBase, values: Values) -> TensorDict:
+        """`out_keys` from the heads' values Float[B, n]; the priorities go to `tensordict`."""
         names = self.tensor_keys
+        counted = batch[names.picked] if self.failed_pick == "skip" else None
         # Of targets computed ahead nobody wants priorities: what is drawn for many updates is drawn uniformly.
         prioritised = batch is not tensordict
         weights = tensordict.get(names.priority_weight, default=None) if prioritised else None
-        pick = values[0].gather(-1, batch[names.pick_action][:, None])
-        place = values[1].gather(-1, batch[names.place_action][:, None])
+        pick = values[names.pick_value].gather(-1, batch[names.pick_action][:, None])
+        place = values[names.place_value].gather(-1, batch[names.place_action][:, None])
         pick_target, place_target = batch[PICK_TARGET], batch[PLACE_TARGET]
         if prioritised:
             with torch.no_grad():

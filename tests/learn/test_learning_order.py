@@ -9,7 +9,6 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacem
 
 from dore.errors import InputError
 from dore.learn import keys
-from dore.learn.losses import PICKED
 from dore.learn.player import Burst, Player
 from dore.learn.replay import draw_in_order, restore
 from dore.learn.trainer import MAIN, Trainer
@@ -128,7 +127,7 @@ def test_what_a_decoded_step_says_of_its_pick():
     decoded = agent.decode(step)
     failed = torch.isin(step["next", keys.FAILURE], torch.tensor([1, 3]))
     opened = retrievable(reach, lift(step[keys.BOARD], step[keys.PICK]), step[keys.TARGET])
-    assert torch.equal(decoded[PICKED], ~failed)
+    assert torch.equal(decoded[keys.PICKED], ~failed)
     assert torch.equal(decoded["lifted", keys.TERMINATED].squeeze(-1), failed | opened)
     assert {True, False} == set(failed.tolist()) == set((opened & ~failed).tolist())
 

@@ -11,7 +11,7 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from dore.learn import keys
-from dore.learn.losses import PICKED, SequentialLoss, SingleLoss
+from dore.learn.losses import SequentialLoss, SingleLoss
 from dore.learn.q_loss import best_value, masked
 
 OBSERVED_PICK, OBSERVED_PLACE = ("pick", keys.OBSERVATION), ("place", keys.OBSERVATION)
@@ -67,7 +67,7 @@ def transition(terminated: bool, picked: bool = True) -> TensorDict:
     after[keys.TERMINATED] = torch.tensor([[terminated]])
     after[keys.PLACE_REWARD], after[keys.PICK_REWARD] = torch.tensor([[7.0]]), torch.tensor([[0.25]])
     td = entry(pick=[2.0, 0.5, 9.0], place=[1.0, 6.0, 9.0], next=after)
-    td[keys.PICK], td[keys.PLACE], td[PICKED] = torch.tensor([1]), torch.tensor([0]), torch.tensor([picked])
+    td[keys.PICK], td[keys.PLACE], td[keys.PICKED] = torch.tensor([1]), torch.tensor([0]), torch.tensor([picked])
     td["lifted"] = entry(pick=[8.0, 0.0, 9.0])
     td["lifted", keys.TERMINATED] = torch.tensor([[False]])
     return td

@@ -12,7 +12,7 @@ from torchrl.modules import QValueModule
 from torchrl.objectives import DQNLoss, SoftUpdate, ValueEstimators
 
 from dore.learn import keys
-from dore.learn.losses import LIFTED, PICKED, SequentialLoss, SingleLoss
+from dore.learn.losses import SequentialLoss, SingleLoss
 from dore.learn.q_loss import QLoss
 
 B, SEEN, CELLS, GAMMA = 64, 5, 4, 0.7
@@ -70,7 +70,9 @@ def batch() -> TensorDict:
     def board() -> dict[str, object]:
         return {"pick": entry(), "place": entry(), keys.TERMINATED: torch.rand(B, 1) < 0.3}
 
-    return TensorDict({**board(), PICKED: torch.rand(B) < 0.8, "next": board(), LIFTED: board()}, batch_size=[B])
+    return TensorDict(
+        {**board(), keys.PICKED: torch.rand(B) < 0.8, "next": board(), keys.LIFTED: board()}, batch_size=[B]
+    )
 
 
 def stock(network: nn.Module, target: dict[str, Tensor], double: bool) -> DQNLoss:
@@ -108,7 +110,7 @@ def test_each_head_is_torchrls_own_loss(kind, head, double):
     name = head if kind == "sequential" else "network"
     network, prefix = ours._online[name].module.heads[index], f"target_{name}_params.module.heads.{index}."
     if kind == "sequential":
-        after = td[LIFTED] if head == "pick" else td["next"]
+        after = td[keys.LIFTED] if head == "pick" else td["next"]
         given = for_stock(td, after, head, False, td["next", head, "reward"], after[keys.TERMINATED])
     else:
         given = for_stock(td, td["next"], head, True, td["next", "place", "reward"], td["next", keys.TERMINATED])
@@ -164,7 +166,7 @@ def test_keys_can_be_renamed():
     expected = loss(td.clone())
     loss.set_keys(place_reward="money", terminated=("flags", "over"), priority="surprise")
     td["next", "money"] = td["next"].pop(keys.PLACE_REWARD)
-    for part in ("next", LIFTED):
+    for part in ("next", keys.LIFTED):
         td[part, "flags", "over"] = td[part].pop(keys.TERMINATED)
     torch.testing.assert_close(loss(td), expected)
     assert "surprise" in td
@@ -178,7 +180,7 @@ def test_priorities_are_the_squared_errors_of_both_heads(make, skip):
     td = batch()
     losses = loss(td)
     assert td["td_error"].shape == (B, 1)
-    placed = td[PICKED] if skip else torch.ones(B, dtype=torch.bool)
+    placed = td[keys.PICKED] if skip else torch.ones(B, dtype=torch.bool)
     alone = make(failed_pick="skip", reduction="none") if skip else make(reduction="none")
     each = alone(batch())
     expected = each["loss_pick"].clone()

@@ -14,8 +14,9 @@ from dore.errors import one_of
 from dore.learn import keys
 from dore.learn.agents.common import Agent, Greedy, Hyperparameters, never_empty
 from dore.learn.features import mirrored_by_chance, n_planes
-from dore.learn.losses import PICKED, Chain, FailedPick, SequentialLoss
+from dore.learn.losses import Chain, SequentialLoss
 from dore.learn.networks import NetworkFactory
+from dore.learn.q_loss import FailedPick
 from dore.world.episode import Episodes
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, going_back, lift
@@ -133,10 +134,12 @@ class Sequential(Agent):
         on_lifted = self._entry(lifted, target, *(("pick", "place") if literal else ("place",)))
         after = self._entry(following, target, "place" if literal else "pick")
         after.update(batch["next"].select(keys.TERMINATED, keys.PLACE_REWARD, keys.PICK_REWARD, strict=False))
-        decoded.update({"place": on_lifted["place"], keys.PICK: pick, keys.PLACE: place, PICKED: picked, "next": after})
+        decoded.update(
+            {"place": on_lifted["place"], keys.PICK: pick, keys.PLACE: place, keys.PICKED: picked, "next": after}
+        )
         if literal:
             ends = on_lifted["opened"] | ~picked
-            decoded["lifted"] = on_lifted.select("pick").update({keys.TERMINATED: ends[:, None]})
+            decoded[keys.LIFTED] = on_lifted.select("pick").update({keys.TERMINATED: ends[:, None]})
         return decoded
 
     def _entry(self, board: Tensor, target: Tensor, *heads: str) -> TensorDict:
