@@ -12,6 +12,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
@@ -121,7 +122,13 @@ def cold_start(options: Options) -> Rows:
     return rows
 
 
-PARTS = {"a": exact_alone, "b": learned_against_search, "c": batched, "d": guided_alone, "e": cold_start}
+PARTS: dict[str, Callable[[Options], Rows]] = {
+    "a": exact_alone,
+    "b": learned_against_search,
+    "c": batched,
+    "d": guided_alone,
+    "e": cold_start,
+}
 
 
 def world(

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor
 
 from dore.learn import keys
@@ -93,7 +92,7 @@ def plain_matmul(reach: Reach) -> Callable[[Tensor], Tensor]:
 
 def in_turn(variants: Mapping[str, Callable[[Tensor], object]], given: Tensor) -> Rows:
     """A row a round and variant, after two rounds that do not count."""
-    rows = []
+    rows: Rows = []
     for round_ in range(-2, ROUNDS):
         for name, variant in variants.items():
             began = time.perf_counter()
@@ -113,27 +112,27 @@ def env_rows() -> Rows:
     generator = torch.Generator().manual_seed(0)
     observed, rows = env.reset(), []
     for round_ in range(-ROUNDS, ROUNDS):
-        acted = random_legal(reach, observed, generator)
-        state = (reach, acted[keys.BOARD], acted[keys.TARGET], acted[keys.VISITED])
+        state = reach, observed[keys.BOARD], observed[keys.TARGET], observed[keys.VISITED]
+        pick = drawn(observed[keys.LEGAL_PICK], generator)
+        place = drawn(legal_places(*state, pick), generator)
+        acted = observed.set(keys.PICK, pick).set(keys.PLACE, place)
         times = [time.perf_counter()]
-        moved = transition(*state, acted[keys.PICK], acted[keys.PLACE])
-        legal_moves(reach, moved.board, acted[keys.TARGET], acted[keys.VISITED])
+        moved = transition(*state, pick, place)
+        legal_moves(reach, moved.board, *state[2:])
         times.append(time.perf_counter())
         step = env.step(acted)
         times.append(time.perf_counter())
         observed = env.maybe_reset(env.step_mdp(step))
         times.append(time.perf_counter())
-        for name, first, last in (("bare", 0, 1), ("step", 1, 2), ("step and reset", 1, 3)):
-            rows.append({"round": round_, "variant": name, "boards": ENVS, "seconds": times[last] - times[first]})
-    return [row for row in rows if row["round"] >= 0]
+        if round_ >= 0:
+            for name, first, last in (("bare", 0, 1), ("step", 1, 2), ("step and reset", 1, 3)):
+                rows.append({"round": round_, "variant": name, "boards": ENVS, "seconds": times[last] - times[first]})
+    return rows
 
 
-def random_legal(reach: Reach, observed: TensorDictBase, generator: torch.Generator) -> TensorDictBase:
-    """The observation with a random legal action."""
-    pick = observed[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
-    places = legal_places(reach, observed[keys.BOARD], observed[keys.TARGET], observed[keys.VISITED], pick)
-    place = places.float().multinomial(1, generator=generator).squeeze(-1)
-    return observed.set(keys.PICK, pick).set(keys.PLACE, place)
+def drawn(legal: Tensor, generator: torch.Generator) -> Tensor:
+    """Int64[B]: a random legal cell of each row of Bool[B, G]."""
+    return legal.float().multinomial(1, generator=generator).squeeze(-1)
 
 
 if __name__ == "__main__":
