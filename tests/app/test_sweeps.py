@@ -54,12 +54,13 @@ def start(root: Path, *more: str) -> subprocess.Popen[bytes]:
 
 def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
     """Bad input, a loss that is no longer finite, and a good one, side by side."""
-    more = ["optimizer.lr=-1,1e30,0.001", "training.learning_starts=100", "checkpoint_minutes=0.00001"]
+    more = ["optimizer.lr=-1,10,0.001", "training.learning_starts=100", "checkpoint_minutes=0.00001"]
+    more += ["optimizer._target_=tests.app.diverging.Diverging"]
     assert run("train", ["-m", *TINY, *more, f"hydra.sweep.dir={tmp_path}"]) == 2
     bad, diverged = sorted(complaints(capsys), key=lambda line: "the loss is" in line)
     assert "broken: " in bad
     assert "optimizer.lr=-1 " in bad
-    assert bad.endswith("optimizer: Invalid learning rate: -1")
+    assert bad.endswith("optimizer.lr: got -1, want a finite number above 0 and at most 10")
     assert "no longer finite" in diverged or "the loss is" in diverged
     checkpoint = diverged.split("the last good checkpoint is ")[1]
     assert Path(checkpoint).exists()
