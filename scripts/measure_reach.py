@@ -11,9 +11,10 @@ FOLDER/corridors/rows.csv has a row a corridor, and FOLDER/objects/rows.csv one 
 
 from __future__ import annotations
 
+import math
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +22,6 @@ from typing import NamedTuple
 import pandas as pd
 import torch
 from omegaconf import OmegaConf
-from torch import Tensor
 
 from dore.report.measurements import write_measurements
 from dore.sim.config import ArmConfig, ObjectConfig, preset
@@ -31,7 +31,6 @@ from dore.sim.motion.kinematics import ArmKinematics, Unreachable
 from dore.sim.scene.urdf import arm_files
 from dore.world.board import unpack
 from dore.world.layout import Layout
-from dore.world.reach import Reach
 from scripts.program import run
 
 
@@ -56,9 +55,26 @@ class Found(NamedTuple):
     follow.
     """
 
-    why_not: str = ""
-    empty: frozenset[int] = frozenset()
-    loaded: frozenset[int] = frozenset()
+    why_not: str
+    empty: Collection[int] = ()
+    loaded: Collection[int] = ()
+
+
+class Survey(NamedTuple):
+    """What was measured. corridors: a row each. objects: a row for each other cell of each corridor.
+
+    blocked, touched, touched_not_blocked: on how many of the `others`, the other cells.
+    off_mm: how far the other cell's middle is from the corridor's line; inf where it lies behind the line's end.
+    """
+
+    corridors: pd.DataFrame
+    objects: pd.DataFrame
+
+    @property
+    def faults(self) -> pd.DataFrame:
+        """Allowed corridors that the arm cannot follow, or on which it touches what the rule lets stand there."""
+        wrong = (self.corridors.followed == 0) | (self.corridors.touched_not_blocked > 0)
+        return self.corridors[(self.corridors.allowed == 1) & wrong]
 
 
 class Surveyor:
@@ -93,91 +109,39 @@ class Surveyor:
         if contact is not None:
             return Found(f"the {contact.part} would touch the {contact.other}")
         rest = {other: standing for other, standing in self._all.items() if others and other != cell}
-        return Found("", frozenset(touched(into, rest)), frozenset(touched(out, rest, held=Held(cell))))
+        return Found("", touched(into, rest), touched(out, rest, held=Held(cell)))
 
     def survey(self, corridors: Iterable[tuple[int, int]]) -> Survey:
-        """The corridors (cell, sector) measured; all others count as not followed."""
-        n_cells, n_sectors = self.reach.n_cells, self.reach.n_sectors
-        followed = torch.zeros(n_cells, n_sectors, dtype=torch.bool)
-        empty, loaded = (torch.zeros(n_cells, n_sectors, n_cells, dtype=torch.bool) for _ in range(2))
-        why_not = {}
+        """Measure corridors: (cell, sector) each."""
+        reach, rows, objects = self.reach, [], []
+        blocking = unpack(reach.blockers, reach.n_cells)
         for cell, sector in corridors:
-            found = self.corridor(cell, sector)
-            followed[cell, sector], why_not[cell, sector] = not found.why_not, found.why_not
-            empty[cell, sector, sorted(found.empty)] = True
-            loaded[cell, sector, sorted(found.loaded)] = True
-        return Survey(self.reach, followed, empty, loaded, why_not)
+            found, (x, y), direction = self.corridor(cell, sector), self.layout.cells[cell], reach.sectors_deg[sector]
+            here = {"cell": cell + 1, "sector": sector, "allowed": int(reach.allowed_sectors[cell, sector])}
+            beside = [
+                here
+                | {"other": other + 1, "off_mm": self.off_line_mm(cell, sector, other)}
+                | {"blocked": int(blocking[cell, sector, other])}
+                | {"empty": int(other in found.empty), "loaded": int(other in found.loaded)}
+                for other in range(reach.n_cells)
+                if other != cell
+            ]
+            touched = [one for one in beside if one["empty"] or one["loaded"]]
+            row = {"cell": cell + 1, "x_m": round(x, 4), "y_m": round(y, 4), "sector": sector}
+            row |= {"direction_deg": round(float(direction), 3), "allowed": here["allowed"]}
+            row |= {"followed": int(not found.why_not), "why_not": found.why_not, "others": len(beside)}
+            row |= {"blocked": sum(one["blocked"] for one in beside), "touched": len(touched)}
+            rows.append(row | {"touched_not_blocked": sum(not one["blocked"] for one in touched)})
+            objects += beside
+        return Survey(pd.DataFrame(rows), pd.DataFrame(objects))
 
-
-@dataclass(frozen=True)
-class Survey:
-    """All corridors of a layout.
-
-    followed: Bool[G, S]; empty, loaded: Bool[G, S, G], the cells whose objects are touched; why_not: for each corridor
-    that was measured, what hinders the arm.
-    """
-
-    reach: Reach
-    followed: Tensor
-    empty: Tensor
-    loaded: Tensor
-    why_not: dict[tuple[int, int], str]
-
-    @property
-    def touched(self) -> Tensor:
-        """Bool[G, S, G]: by the empty hand, or by the loaded one."""
-        return self.empty | self.loaded
-
-    @property
-    def blocking(self) -> Tensor:
-        """Bool[G, S, G]: which cells the rule wants empty."""
-        return unpack(self.reach.blockers, self.reach.n_cells)
-
-    @property
-    def not_blocked(self) -> Tensor:
-        """Bool[G, S, G]: touched on an allowed corridor, though the rule lets an object stand there: a bug."""
-        return self.touched & ~self.blocking & self.reach.allowed_sectors[..., None]
-
-    def off_line_m(self) -> Tensor:
-        """Float64[G, S, G]: how far a cell's middle is from a corridor's line: the clearance that just covers it.
-
-        inf where it lies behind the line's end.
-        """
-        centre = self.reach.layout.centres
-        x, y = (centre[None] - centre[:, None])[:, None].unbind(-1)
-        heading = (torch.atan2(-centre[:, 1], -centre[:, 0])[:, None] + self.reach.sectors_deg.deg2rad())[..., None]
-        along, across = x * heading.cos() + y * heading.sin(), y * heading.cos() - x * heading.sin()
-        return torch.where(along >= -1e-9, across.abs(), torch.inf)
-
-    def corridor_rows(self) -> pd.DataFrame:
-        """A row a corridor that was measured; touched, blocked: on how many of the `others`, the other cells."""
-        reach, blocked, touched = self.reach, self.blocking, self.touched
-        at = cell, sector = tuple(torch.tensor(list(self.why_not)).T)
-        columns = {
-            "cell": cell + 1,
-            "x_m": reach.layout.centres[cell, 0],
-            "y_m": reach.layout.centres[cell, 1],
-            "sector": sector,
-            "direction_deg": reach.sectors_deg[sector],
-            "allowed": reach.allowed_sectors[at].int(),
-            "followed": self.followed[at].int(),
-            "why_not": list(self.why_not.values()),
-            "others": reach.n_cells - 1,
-            "blocked": blocked[at].sum(-1),
-            "touched": touched[at].sum(-1),
-            "touched_not_blocked": (touched & ~blocked)[at].sum(-1),
-        }
-        return pd.DataFrame(columns).round({"x_m": 4, "y_m": 4, "direction_deg": 3})
-
-    def object_rows(self) -> pd.DataFrame:
-        """A row for each object near an allowed corridor, or in its way; off_mm: how far from its line."""
-        off = self.off_line_m()
-        near = (off < 2 * self.reach.clearance_m) & ~torch.eye(self.reach.n_cells, dtype=torch.bool)[:, None]
-        at = (self.reach.allowed_sectors[..., None] & (near | self.blocking | self.touched)).nonzero(as_tuple=True)
-        columns = {"cell": at[0] + 1, "sector": at[1], "other": at[2] + 1, "off_mm": 1e3 * off[at]}
-        for name, which in (("blocked", self.blocking), ("empty", self.empty), ("loaded", self.loaded)):
-            columns[name] = which[at].int()
-        return pd.DataFrame(columns).round({"off_mm": 2})
+    def off_line_mm(self, cell: int, sector: int, other: int) -> float:
+        """How far a cell's middle is from a corridor's line: the clearance that just covers it."""
+        (x, y), (other_x, other_y) = self.layout.cells[cell], self.layout.cells[other]
+        heading = math.atan2(-y, -x) + math.radians(float(self.reach.sectors_deg[sector]))
+        along = (other_x - x) * math.cos(heading) + (other_y - y) * math.sin(heading)
+        across = (other_y - y) * math.cos(heading) - (other_x - x) * math.sin(heading)
+        return 1e3 * abs(across) if along >= -1e-9 else math.inf
 
 
 def main(options: Options) -> int:
@@ -192,12 +156,15 @@ def main(options: Options) -> int:
         "seconds": round(time.process_time() - started),
         "distance_mm": round(1e3 * arm.clearance_m, 3),
         "half_hand_mm": round(1e3 * surveyor.kinematics.hand_half_width_m, 3),
-        "clearance_mm": round(1e3 * found.reach.clearance_m, 3),
+        "clearance_mm": round(1e3 * surveyor.reach.clearance_m, 3),
         "margin_mm": round(1e3 * arm.corridor_margin_m, 3),
     }
-    write_measurements(options.out / "corridors", found.corridor_rows(), **about)
-    write_measurements(options.out / "objects", found.object_rows(), **about)
-    return int(bool((found.reach.allowed_sectors & ~found.followed).any() or found.not_blocked.any()))
+    objects = found.objects
+    near = objects.off_mm < 2 * about["clearance_mm"]
+    shown = (objects.allowed == 1) & (near | (objects[["blocked", "empty", "loaded"]] > 0).any(axis=1))
+    write_measurements(options.out / "corridors", found.corridors, **about)
+    write_measurements(options.out / "objects", objects[shown].drop(columns="allowed").round({"off_mm": 2}), **about)
+    return int(len(found.faults) > 0)
 
 
 if __name__ == "__main__":

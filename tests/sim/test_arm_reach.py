@@ -15,6 +15,7 @@ from dore.sim.config import preset
 from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences
 from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.scene.urdf import arm_files
+from dore.world.board import unpack
 from dore.world.files import read_plan
 from dore.world.layout import Layout
 from dore.world.reach import Reach
@@ -62,9 +63,10 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
 def check_no_contact(surveyor: Surveyor, corridors: list[list[int]]) -> int:
     """No allowed corridor touches an object on a cell that the rule leaves free; returns how many touch elsewhere."""
     found = surveyor.survey(corridors)
-    assert found.followed.sum() == len(corridors)
-    assert found.not_blocked.nonzero().tolist() == []
-    return int(found.touched.sum())
+    assert found.corridors.followed.sum() == found.corridors.allowed.sum() == len(corridors)
+    assert found.faults.empty
+    assert ((found.objects["empty"] | found.objects.loaded) <= found.objects.blocked).all()
+    return int(found.corridors.touched.sum())
 
 
 def test_free_corridors_touch_nothing_a_sample(surveyor):
@@ -83,11 +85,14 @@ def test_a_clearance_too_small_is_found_out(surveyor):
     narrow = Surveyor(ARM, OBJECTS, LAYOUT)
     narrow.reach = Reach(LAYOUT, **{**surveyor.reach.to_dict(), "clearance_m": surveyor.reach.clearance_m - 0.01})
     found = narrow.survey([[7, sector] for sector in range(60)])
-    assert found.not_blocked.any()
-    assert (found.off_line_m()[found.not_blocked] > narrow.reach.clearance_m).all()
-    counted = found.corridor_rows().sum(numeric_only=True)
-    assert counted.touched_not_blocked == found.not_blocked.sum()
-    assert (counted.touched, counted.blocked) == (found.touched.sum(), found.blocking[7].sum())
+    assert len(found.faults) > 0
+    touched = found.objects[(found.objects["empty"] | found.objects["loaded"]) == 1]
+    unforeseen = touched[touched.blocked == 0]
+    assert (unforeseen.off_mm > 1e3 * narrow.reach.clearance_m).all()
+    counted = found.corridors.sum(numeric_only=True)
+    assert counted.touched_not_blocked == len(unforeseen) > 0
+    assert (counted.touched, counted.blocked) == (len(touched), found.objects.blocked.sum())
+    assert unpack(narrow.reach.blockers, LAYOUT.n_cells)[7].sum() == counted.blocked
 
 
 def test_a_layout_that_the_arm_only_half_reaches_and_its_page(tmp_path):

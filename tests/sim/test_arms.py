@@ -76,8 +76,8 @@ def test_a_sample_of_allowed_corridors_is_followed_and_touches_nothing(place):
     allowed = surveyor.reach.allowed_sectors.nonzero().tolist()
     sample = [[cell, sector] for cell, sector in allowed if sector % 15 == cell % 5]
     found = surveyor.survey(sample)
-    assert [why for why in found.why_not.values() if why] == []
-    assert found.not_blocked.nonzero().tolist() == []
+    assert found.corridors.why_not.tolist() == [""] * len(sample)
+    assert found.faults.empty
 
 
 def test_all_cells_are_within_reach_and_another_arms_plan_is_not(place, places):
@@ -125,8 +125,8 @@ def test_allowed_corridors_are_exactly_those_that_the_arm_follows_and_touch_noth
     surveyor = Surveyor(place.arm, place.objects, place.layout)
     every = torch.cartesian_prod(*map(torch.arange, surveyor.reach.allowed_sectors.shape)).tolist()
     found = surveyor.survey(every)
-    assert torch.equal(found.followed, surveyor.reach.allowed_sectors)
-    assert found.not_blocked.nonzero().tolist() == []
+    assert found.corridors.followed.equals(found.corridors.allowed)
+    assert found.faults.empty
 
 
 def test_the_gripper_opens_at_1_and_closes_at_minus_1(place):
