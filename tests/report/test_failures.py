@@ -17,8 +17,7 @@ from dore.learn.agents.common import agent_from_config
 from dore.learn.checkpoint import save_model
 from dore.report import results
 from dore.report.measurements import write_measurements
-from scripts.failures import Options, boards_of, main
-from scripts.failures_figure import MOST, drawn_of
+from scripts.failures import MOST, Options, boards_of, drawn_of, main
 from scripts.program import run
 from tests.report import fakes
 
