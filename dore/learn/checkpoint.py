@@ -62,16 +62,18 @@ def load_checkpoint(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises:
         InputError: no such file, a damaged one, or one of another program.
     """
-    try:
-        parts = torch.load(_unsealed(Path(path)), map_location="cpu", weights_only=True)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except InputError:
-        raise
-    except Exception as error:  # A mutated pickle raises all kinds of errors in torch's unpickler.
-        raise InputError(f"{path}: cut off or damaged ({_first_line(error)})") from None
-    if not isinstance(parts, dict) or parts.get("format") != CHECKPOINT_FORMAT:
-        raise InputError(f"{path}: no checkpoint of this program, want {CHECKPOINT_FORMAT}")
+    with named(path):
+        try:
+            parts = torch.load(_unsealed(Path(path)), map_location="cpu", weights_only=True)
+        except FileNotFoundError:
+            raise InputError("no such file") from None
+        except InputError:
+            raise
+        except Exception as error:  # A mutated pickle raises all kinds of errors in torch's unpickler.
+            why = next(iter(str(error).splitlines()), type(error).__name__)
+            raise InputError(f"cut off or damaged ({why})") from None
+        if not isinstance(parts, dict) or parts.get("format") != CHECKPOINT_FORMAT:
+            raise InputError(f"no checkpoint of this program, want {CHECKPOINT_FORMAT}")
     return parts
 
 
@@ -82,7 +84,7 @@ def _unsealed(path: Path) -> io.BytesIO:
         return io.BytesIO(data)
     head, _, rest = data.partition(b"\n")
     if head != SEALED + hashlib.sha256(rest).hexdigest().encode():
-        raise InputError(f"{path}: cut off or damaged (its digest is not that of its content)")
+        raise InputError("cut off or damaged (its digest is not that of its content)")
     return io.BytesIO(rest)
 
 
@@ -128,7 +130,3 @@ def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[st
         plain = {name: value for name, value in msgspec.structs.asdict(config).items() if value is not None}
         check_classes(plain)
     return weights, plain
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

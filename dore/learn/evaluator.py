@@ -78,7 +78,6 @@ class PerformanceTest:
         self.target_success = number("ipt.target_success", target_success, above=0.0, at_most=1.0)
         self.every_episodes = whole("ipt.every_episodes", every_episodes, 1)
         self.max_moves = whole("ipt.max_moves", max_moves, 1, at_most=MAX_MOVES)
-        seed_of("ipt.seed", seed)
         if batch_size > len(instances):
             raise InputError(f"ipt.batch_size: {batch_size} instances from a validation split of {len(instances)}")
         self.generator = torch.Generator().manual_seed(seed_of("ipt.seed", seed))

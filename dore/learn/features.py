@@ -9,6 +9,7 @@ from typing import Literal
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from dore.learn.corridor_features import N_PLANES, corridor_planes
 from dore.world import board as boards
@@ -72,16 +73,12 @@ def slots(board: Tensor, n_slots: int, n_cells: int) -> tuple[Tensor, Tensor]:
         Int64[B, Z] cells, 0 where a slot is absent, and Bool[B, Z], which slots exist. Obstacles past Z
         have no slot.
     """
-    occupied = boards.unpack(board, n_cells)
-    rank = occupied.long().cumsum(-1) - 1
-    cell = torch.arange(n_cells, device=board.device).expand_as(rank)
-    has_slot = occupied & (rank < n_slots)
-    # Cells without a slot all write to one place past the end, which is cut off.
-    place = torch.where(has_slot, rank, n_slots)
-    cells = torch.zeros(len(board), n_slots + 1, dtype=torch.int64, device=board.device)
-    cells = cells.scatter(1, place, torch.where(has_slot, cell, 0))[:, :n_slots]
-    exists = torch.arange(n_slots, device=board.device) < occupied.sum(-1, keepdim=True)
-    return cells, exists
+    cell = torch.arange(n_cells, device=board.device)
+    cells = torch.where(boards.unpack(board, n_cells), cell, n_cells)
+    cells = cells.topk(min(n_slots, n_cells), largest=False).values
+    cells = pad(cells, (0, n_slots - cells.shape[1]), value=n_cells)
+    exists = cells < n_cells
+    return cells * exists, exists
 
 
 def slot_of(board: Tensor, cell: Tensor, n_cells: int) -> Tensor:

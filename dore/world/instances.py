@@ -48,20 +48,15 @@ class InstanceSet:
                 f"instances: got {board.dtype}{list(board.shape)} boards, {target.dtype}{list(target.shape)} targets, "
                 f"want Int64[N, {reach.n_words}] and Int64[N]"
             )
-        off = count(board) != unpack(board, reach.n_cells).sum(-1)
-        bad_target = (target < 0) | (target >= reach.n_cells)
-        for broken, why in (
-            (off, "an obstacle off the board"),
-            (bad_target, "a target off the board"),
-            (
-                ~bad_target & contains(board, target.clamp(0, reach.n_cells - 1)),
-                "the target among the obstacles",
-            ),
-            (
-                ~bad_target & retrievable(reach, board, target.clamp(0, reach.n_cells - 1)),
-                "nothing to rearrange",
-            ),
-        ):
+        on_board = (target >= 0) & (target < reach.n_cells)
+        cell = torch.where(on_board, target, 0)
+        faults = {
+            "an obstacle off the board": count(board) != unpack(board, reach.n_cells).sum(-1),
+            "a target off the board": ~on_board,
+            "the target among the obstacles": on_board & contains(board, cell),
+            "nothing to rearrange": on_board & retrievable(reach, board, cell),
+        }
+        for why, broken in faults.items():
             if bool(broken.any()):
                 raise InputError(f"instances: number {int(broken.nonzero()[0, 0]) + 1} has {why}")
         self.reach = reach

@@ -160,18 +160,9 @@ class Reach:
         return self.sectors_deg[from_zero.argmin(-1)].masked_fill(~free.any(-1), math.nan)
 
     def to_dict(self) -> dict[str, Any]:
-        """The parameters as plan files and model files hold them."""
-        optional = {
-            "staging_m": self.staging_m or None,
-            "lateral_limit_m": self.lateral_limit_m,
-            "max_yaw_deg": self.max_yaw_deg,
-        }
-        return {
-            "clearance_m": self.clearance_m,
-            "half_fan_deg": self.half_fan_deg,
-            "n_sectors": self.n_sectors,
-            **{name: value for name, value in optional.items() if value is not None},
-        }
+        """The parameters as plan files and model files hold them: without limits that are not set."""
+        names = ("clearance_m", "half_fan_deg", "n_sectors", "staging_m", "lateral_limit_m", "max_yaw_deg")
+        return {name: value for name in names if (value := getattr(self, name))}
 
     def _allowed_sectors(self) -> Tensor:
         """Bool[G, S]: the corridors the arm itself can follow, whatever stands on the board."""
