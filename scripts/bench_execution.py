@@ -24,7 +24,6 @@ import torch
 
 from dore.app import build
 from dore.app.execute import open_loop_of, setup_of
-from dore.errors import whole
 from dore.report.measurements import write_measurements
 from dore.sim.motion.collision import CollisionChecker
 from dore.sim.motion.kinematics import ArmKinematics
@@ -48,9 +47,6 @@ class Options:
 
     out: Path
     plans: int = 20
-
-    def __post_init__(self) -> None:
-        whole("plans", self.plans, 1)
 
 
 def main(options: Options) -> None:

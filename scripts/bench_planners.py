@@ -21,7 +21,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from dore.errors import InputError, seed_of, whole
+from dore.errors import InputError
 from dore.files import conf_dir
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
@@ -53,8 +53,6 @@ class Options:
     def __post_init__(self) -> None:
         if unknown := [name for name in self.parts if name not in PARTS]:
             raise InputError(f"parts: got {', '.join(unknown)}, want some of {', '.join(PARTS)}")
-        whole("limit", self.limit, 1)
-        seed_of("seed", self.seed)
 
 
 def main(options: Options) -> None:

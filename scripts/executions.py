@@ -21,7 +21,7 @@ from tqdm import tqdm
 from dore.app import build
 from dore.app.execute import closed_loop_of, open_loop_of, setup_of
 from dore.configure import make
-from dore.errors import InputError, one_of, seed_of, whole
+from dore.errors import InputError, one_of
 from dore.files import ABOUT_FILE, atomic_write, commit, read_record
 from dore.report.frame import ARGUMENTS
 from dore.sim.run.execution import execute
@@ -57,13 +57,6 @@ class Options:
     overrides: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        for name, number in (
-            ("runs", self.runs),
-            ("workers", self.workers),
-            *(("obstacles", z) for z in self.obstacles),
-        ):
-            whole(name, number, 1)
-        seed_of("seed", self.seed)
         one_of("loop", self.loop, Literal["open", "closed"])
 
 

@@ -22,7 +22,7 @@ from dore.app import build
 from dore.draw.board_art import CELL_INCH, LEGEND, draw_legend
 from dore.draw.boards import Panel, draw_panel
 from dore.draw.style import INK, save_figure
-from dore.errors import InputError, whole
+from dore.errors import InputError
 from dore.learn.checkpoint import SHIPPED
 from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
@@ -48,7 +48,6 @@ class Options:
     picture: Path = Path("docs/results/failures.png")
 
     def __post_init__(self) -> None:
-        whole("boards", self.boards, 1)
         for name in self.columns:
             if not re.fullmatch(r"\d+x\d+_z\d+-\d+", name):
                 raise InputError(f"columns: got {name!r}, want LAYOUT_INSTANCES, as 8x8_z3-13")

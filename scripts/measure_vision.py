@@ -23,7 +23,6 @@ import numpy as np
 import sapien
 from tqdm import trange
 
-from dore.errors import seed_of, whole
 from dore.files import check_outputs
 from dore.report.measurements import write_measurements
 from dore.sim.config import Body, preset
@@ -60,11 +59,6 @@ class Options:
     seed: int = 1
     camera: str = "kinect"
     picture: Path = Path("docs/results/vision.png")
-
-    def __post_init__(self) -> None:
-        whole("scenes", self.scenes, 1)
-        whole("lying", self.lying, 1)
-        seed_of("seed", self.seed)
 
 
 def main(options: Options) -> None:

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.app import build
-from dore.errors import ExitCode, InputError
+from dore.errors import ExitCode, InputError, seed_of, whole
 from dore.files import conf_dir
 from dore.planners.base import Planner
 from dore.world.reach import Reach
@@ -51,16 +51,23 @@ def run(main: Callable[[Options], int | None], options: type[Options], words: Se
 def options_of(options: type[Options], words: Sequence[str]) -> Options:
     """The options that the words give, and the defaults of the others.
 
+    A whole number is a count of 1 or more, or one for each in a list; the option `seed` is a seed.
+
     Raises:
         InputError: no such option, a value of another type, or one that the options refuse.
     """
     try:
         given = OmegaConf.merge(OmegaConf.structured(options), OmegaConf.from_dotlist(list(words)))
-        return cast(Options, OmegaConf.to_object(given))
+        found = cast(Options, OmegaConf.to_object(given))
     except (OmegaConfBaseException, yaml.YAMLError) as error:
         key = getattr(error, "full_key", None) or " ".join(words)
         names = ", ".join(one.name for one in fields(cast(Any, options)))
         raise InputError(f"{key}: {str(error).splitlines()[0]}; the options are {names}") from None
+    for name, value in vars(found).items():
+        for one in value if isinstance(value, list) else [value]:
+            if isinstance(one, int) and not isinstance(one, bool):
+                seed_of(name, one) if name == "seed" else whole(name, one, 1)
+    return found
 
 
 def composed(command: str, *overrides: str) -> DictConfig:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from dore.errors import seed_of, whole
+from dore.errors import whole
 from dore.planners.base import Planner
 from dore.planners.exact import Exact
 from dore.planners.straight_line import StraightLine
@@ -64,7 +64,6 @@ class Options:
     def __post_init__(self) -> None:
         whole("instances", self.instances, 1)
         whole("baseline_instances", self.baseline_instances, 1, at_most=self.instances)
-        seed_of("seed", self.seed)
         for obstacles in self.obstacles:
             whole("obstacles", obstacles, 3, at_most=9)
 
