@@ -22,7 +22,7 @@ from dore.app.run_folder import CHECKPOINT, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import METRICS_FILE
-from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, save_checkpoint, save_model, tested_of
+from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, save_checkpoint, save_model, ipt_of
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for
@@ -153,7 +153,7 @@ class Session:
 
     def _recall_best(self) -> None:
         """The best model may be better than the checkpoint knows: it was kept after it, or by the run's last test."""
-        progress, kept = self.trainer.progress, tested_of(self.folder / self.best)
+        progress, kept = self.trainer.progress, ipt_of(self.folder / self.best)
         if kept is not None and (progress.best_cost is None or kept.cost < progress.best_cost):
             progress.best_success, progress.best_cost = kept
 

@@ -103,7 +103,7 @@ def save_model(
     write_tensors(path, weights, header if tested is None else {**header, "tested": json.dumps(tested)})
 
 
-def tested_of(path: Path) -> Tested | None:
+def ipt_of(path: Path) -> Tested | None:
     """The IPT that a model was kept for; None: no model, or one that does not say.
 
     Raises:

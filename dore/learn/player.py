@@ -55,7 +55,7 @@ def burst_of(state: dict[str, Any]) -> Burst:
 
 
 class Player:
-    """Steps all environments at once and hands over what is complete.
+    """Steps all environments at once and returns what is complete.
 
     With `unit="episode"` the steps of an episode wait until it ends, and then come one after the other: the stores and
     updates have the order of a single environment that plays one episode after the other. What many environments

@@ -93,7 +93,7 @@ class SeenBoards:
         while bool((place >= 0).any()):
             parent = torch.where(place >= 0, self.parent[place.clamp_min(0)], -1)
             after, before = self.board[place.clamp_min(0)], self.board[parent.clamp_min(0)]
-            chain.append(torch.stack([_cell(before & ~after), _cell(after & ~before), parent], -1).tolist())
+            chain.append(torch.stack([_only_cell(before & ~after), _only_cell(after & ~before), parent], -1).tolist())
             place = parent
         steps = reversed(chain)
         moves: list[list[tuple[int, int]]] = [[] for _ in range(len(place))]
@@ -153,6 +153,6 @@ def _key(board: Tensor, row: Tensor) -> Tensor:
     return key
 
 
-def _cell(board: Tensor) -> Tensor:
+def _only_cell(board: Tensor) -> Tensor:
     """Int64[N]: the one cell that is set on Int64[N, W] boards."""
     return unpack(board, board.shape[-1] * WORD).long().argmax(-1)

@@ -23,7 +23,7 @@ SPLITS = {"train": (0.0, 0.7), "validation": (0.7, 0.85), "test": (0.85, 1.0)}
 CANDIDATES = 16384
 """Boards drawn at once."""
 PATIENCE = 20
-"""After this many draws without a new instance there are taken to be no more."""
+"""After this many draws without a new instance no more are expected."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from dore.app import session
-from dore.learn.checkpoint import load_checkpoint, load_model, tested_of
+from dore.learn.checkpoint import load_checkpoint, load_model, ipt_of
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Trainer
 from tests.commands import TINY, run
@@ -88,7 +88,7 @@ def test_the_best_model_stays_the_best_over_extensions(tmp_path, monkeypatch):
         kept.append(load_model(folder)[0])
     assert len(tests) == 5
     assert [same(a, b) for a, b in pairwise(kept)] == [True, True, False, True]
-    assert tested_of(folder / "model.safetensors") == (0.5, 2.0)
+    assert ipt_of(folder / "model.safetensors") == (0.5, 2.0)
     assert json.loads((folder / "done.json").read_text())["best_cost"] == 2.0
 
 
