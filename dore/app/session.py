@@ -22,7 +22,7 @@ from dore.app.run_folder import CHECKPOINT, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import METRICS_FILE
-from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, save_checkpoint, save_model, ipt_of
+from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, ipt_of, save_checkpoint, save_model
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for

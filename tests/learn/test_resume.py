@@ -14,7 +14,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from dore.app import session
-from dore.learn.checkpoint import load_checkpoint, load_model, ipt_of
+from dore.learn.checkpoint import ipt_of, load_checkpoint, load_model
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Trainer
 from tests.commands import TINY, run
