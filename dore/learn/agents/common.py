@@ -64,7 +64,7 @@ class Agent(ABC):
         InputError: symmetry on a layout without a mirror image.
     """
 
-    policy: TensorDictModuleBase
+    policy: TensorDictSequential
     """The environment's observation -> the actions; explores unless TorchRL's exploration is off."""
     loss: QLoss
     """Losses of a decoded batch; holds the networks' parameters and their targets."""
@@ -72,8 +72,8 @@ class Agent(ABC):
     """The online networks."""
     stored: tuple[str | keys.Key, ...]
     """The keys that the buffer keeps of a step."""
-    choosers: tuple[Greedy, Greedy]
-    """Of the policy: what is picked, where it is placed."""
+    choosers: list[Greedy]
+    """Steps of the policy: what is picked, where it is placed."""
 
     def __init__(self, reach: Reach, hyperparameters: Hyperparameters) -> None:
         if hyperparameters.symmetry and reach.mirror is None:
@@ -87,15 +87,32 @@ class Agent(ABC):
         """Stored transitions, with all that the loss needs."""
 
     @abstractmethod
+    def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
+        """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
+
     def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
         """The Int64[B] (pick, place) cells that the policy chooses where it does not explore.
 
-        It builds no TensorDict, which would take most of the time of a choice for one board.
+        It takes the policy's steps without TensorDicts, which would take most of the time of a choice for one board.
         """
+        found = {
+            keys.BOARD: episodes.board,
+            keys.TARGET: episodes.target,
+            keys.VISITED: episodes.visited,
+            keys.PICKABLE: episodes.legal.pickable,
+            keys.LEGAL_PICK: episodes.legal.pick,
+        }
+        for step in self.policy.module:
+            if isinstance(step, Greedy):
+                found[step.action] = step.best(found[step.value], found[step.mask])
+            else:
+                found.update(zip(step.out_keys, step.module(*(found[key] for key in step.in_keys)), strict=True))
+        return found[keys.PICK], found[keys.PLACE]
 
-    @abstractmethod
-    def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
-        """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
+    def _set_policy(self, *steps: TensorDictModuleBase) -> None:
+        """Act by these steps, each from what is observed or found before to keys of its own."""
+        self.policy = TensorDictSequential(*steps)
+        self.choosers = [step for step in steps if isinstance(step, Greedy)]
 
     def set_epsilon(self, epsilon: float) -> None:
         """How often a head acts at random; `EGreedyModule.step` would loop over frames in Python."""
@@ -105,10 +122,6 @@ class Agent(ABC):
     def _observe(self, board: Tensor, target: Tensor, mask: Tensor | None) -> Tensor:
         """Float[B, C, G]: what a network sees."""
         return encode(self.reach, board, target, mask, self.encoding)
-
-    def _best(self, values: Tensor, mask: Tensor) -> Tensor:
-        """Int64[B]: the greedy choice."""
-        return masked(values, mask, self.mask_mode).argmax(-1)
 
 
 def agent_from_config(config: Mapping[str, Any], reach: Reach) -> Agent:
@@ -135,6 +148,7 @@ class Greedy(TensorDictSequential):
     def __init__(
         self, action: keys.Key, value: keys.Key, mask: keys.Key, n: int, mask_mode: MaskMode, device: torch.device
     ) -> None:
+        self.action, self.value, self.mask, self.mask_mode = action, value, mask, mask_mode
         group, name = action
         masked_value = (group, "masked_value")
         spec = Categorical(n, device=device)
@@ -159,3 +173,7 @@ class Greedy(TensorDictSequential):
             explore,
         )
         self.explore = explore
+
+    def best(self, values: Tensor, mask: Tensor) -> Tensor:
+        """Int64[B]: the choice that is not explored, of Float[B, n] Q-values under Bool[B, n]."""
+        return masked(values, mask, self.mask_mode).argmax(-1)

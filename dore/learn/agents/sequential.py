@@ -7,7 +7,7 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictSequential
+from tensordict.nn import TensorDictModule
 from torch import Tensor
 
 from dore.errors import one_of
@@ -17,7 +17,6 @@ from dore.learn.features import mirrored_by_chance, n_planes
 from dore.learn.losses import Chain, SequentialLoss
 from dore.learn.networks import NetworkFactory
 from dore.learn.q_loss import FailedPick
-from dore.world.episode import Episodes
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, going_back, lift
 
@@ -74,11 +73,7 @@ class Sequential(Agent):
     def _make_policy(self) -> None:
         """Pick, lift, place on this reach's cells."""
         cells, mode, device = self.reach.n_cells, self.mask_mode, self.reach.device
-        pick, place = self._q_modules()
-        self.choosers = (
-            Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mode, device),
-            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mode, device),
-        )
+        pick_values, place_values = self._q_modules()
         before_pick = TensorDictModule(
             self._see_pick,
             in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.LEGAL_PICK],
@@ -89,7 +84,9 @@ class Sequential(Agent):
             in_keys=[keys.BOARD, keys.TARGET, keys.VISITED, keys.PICK],
             out_keys=[_SEEN_PLACE, keys.PLACE_MASK],
         )
-        self.policy = TensorDictSequential(before_pick, pick, self.choosers[0], before_place, place, self.choosers[1])
+        pick = Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mode, device)
+        place = Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mode, device)
+        self._set_policy(before_pick, pick_values, pick, before_place, place_values, place)
 
     def on(self, reach: Reach) -> Sequential:
         """This agent, weights, loss and all, on another layout or reach; its networks must serve every layout."""
@@ -97,14 +94,6 @@ class Sequential(Agent):
         other.reach = reach
         other._make_policy()
         return other
-
-    def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
-        """See `Agent.greedy`."""
-        board, target, legal = episodes.board, episodes.target, episodes.legal
-        seen, mask = self._see_pick(board, target, legal.pickable, legal.pick)
-        pick = self._best(self.networks["pick"](seen)[0], mask)
-        seen, mask = self._see_place(board, target, episodes.visited, pick)
-        return pick, self._best(self.networks["place"](seen)[0], mask)
 
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
         """Float[N, G]: Q_p of each cell on Int64[N, W] boards; of one that cannot be picked it means nothing."""

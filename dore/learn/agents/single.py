@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from tensordict.nn import TensorDictModule, TensorDictSequential
+from tensordict.nn import TensorDictModule
 from torch import Tensor
 
 from dore.errors import one_of, whole
@@ -15,7 +15,6 @@ from dore.learn.agents.common import Agent, Greedy, Hyperparameters, never_empty
 from dore.learn.features import mirrored_by_chance, n_planes, slot_of, slots
 from dore.learn.losses import Heads, SingleLoss
 from dore.learn.networks import NetworkFactory
-from dore.world.episode import Episodes
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, legal_moves, legal_places
 
@@ -59,10 +58,6 @@ class Single(Agent):
     def _make_policy(self, values: TensorDictModule) -> None:
         """Choose a slot, then the cell for its obstacle."""
         mode, device = self.mask_mode, self.reach.device
-        self.choosers = (
-            Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, self.n_slots, mode, device),
-            Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, self.reach.n_cells, mode, device),
-        )
         before_pick = TensorDictModule(
             self._see_slots,
             in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.LEGAL_PICK],
@@ -73,15 +68,9 @@ class Single(Agent):
             in_keys=[keys.BOARD, keys.TARGET, keys.VISITED, _SLOT_CELLS, keys.SLOT],
             out_keys=[keys.PICK, keys.PLACE_MASK],
         )
-        self.policy = TensorDictSequential(before_pick, values, self.choosers[0], before_place, self.choosers[1])
-
-    def greedy(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
-        """See `Agent.greedy`."""
-        board, target, legal = episodes.board, episodes.target, episodes.legal
-        seen, cells, slot_mask = self._see_slots(board, target, legal.pickable, legal.pick)
-        of_slot, of_place = self.networks["pick_place"](seen)
-        pick, place_mask = self._take_slot(board, target, episodes.visited, cells, self._best(of_slot, slot_mask))
-        return pick, self._best(of_place, place_mask)
+        pick = Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, self.n_slots, mode, device)
+        place = Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, self.reach.n_cells, mode, device)
+        self._set_policy(before_pick, values, pick, before_place, place)
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the mean of Q1 of an obstacle and Q2 of each cell, for Int64[N] picks on Int64[N, W] boards.
