@@ -105,7 +105,7 @@ def test_the_model_kept_is_that_of_the_lowest_mean_cost(tmp_path, monkeypatch):
     monkeypatch.setattr(
         session.Session,
         "_save_model",
-        lambda self, name: (kept.append(self.trainer.progress.best_cost), save(self, name)),
+        lambda self, *given: (kept.append(self.trainer.progress.best_cost), save(self, *given)),
     )
     assert run("train", [*THREE, f"run_dir={tmp_path / 'run'}"]) == 0
     assert kept == [5.0, 4.0]
