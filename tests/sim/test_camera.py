@@ -68,7 +68,7 @@ def test_objects_off_the_middle_and_turned_are_where_they_were_put(env):
     place(env, cells, offsets_m=offsets, yaws_rad=yaws)
     at = LAYOUT.centres[cells].numpy() + offsets
     assert np.allclose(env.unwrapped.positions()[0, :3, :2], at, atol=1e-6)
-    noisy = RgbdCamera(env, seed=0).look()
+    noisy = RgbdCamera(env, seed=0).look().objects
     exact = detections(rendered(env), LAYOUT, replace(FULL, target_by="segmentation"))
     for found, within_m, within_deg in ((noisy, 0.004, 4.0), (exact, 0.002, 2.0)):
         assert [one.is_target for one in found] == [True, False, False]
@@ -119,7 +119,7 @@ def test_the_arm_before_the_grid_is_no_object_and_over_a_cell_may_hide_one(env):
     for x, y, heading in ((0.43, 0.3, 0.0), (0.43, -0.3, 0.5), (0.56, -0.06, 0.0)):
         path, _ = kinematics.line(kinematics.ready(0.43), np.array([x, y, 0.10]), heading)
         task.agent.robot.set_qpos(torch.from_numpy(task.agent.open_handed(path[-1])[None]).float())
-        upright.append([one.upright for one in RgbdCamera(env, seed=0).look()])
+        upright.append([one.upright for one in RgbdCamera(env, seed=0).look().objects])
     assert upright == [[True] * 3, [True] * 3, [False, True, True]]
 
 

@@ -31,7 +31,7 @@ from dore.sim.run.operator import Operator
 from dore.sim.run.report import ExecutionReport
 from dore.sim.run.setup import Setup
 from dore.sim.vision.camera import RgbdCamera
-from dore.sim.vision.scene_estimate import Detection
+from dore.sim.vision.scene_estimate import Detection, Observation
 from dore.world.layout import Layout
 from dore.world.problem import Batch, Problem, Scene
 from tests.app.test_conf import compose
@@ -59,7 +59,7 @@ class TrueCamera:
     def __init__(self, env: Any, seed: int) -> None:
         self.env = env
 
-    def look(self) -> tuple[Detection, ...]:
+    def look(self) -> Observation:
         world = self.env.unwrapped
         (near, far), seen = world.camera.region(world.layout), []
         for index, (at, leaning) in enumerate(zip(positions(world), leaning_deg(world), strict=True)):
@@ -68,7 +68,7 @@ class TrueCamera:
             if in_sight and -0.01 < at[2] < body.height_m / 2 + 0.01:
                 half, tall, upright = body.half_width_m, body.height_m, bool(leaning < 10)
                 seen.append(Detection((float(at[0]), float(at[1])), half, tall, 0.0, body.shape, upright, index == 0))
-        return tuple(seen)
+        return Observation(tuple(seen))
 
 
 def loop_with(disturbance: Any, scene: Scene = SCENE, **changes: Any) -> ClosedLoop:

@@ -14,7 +14,7 @@ from dore.sim.config import preset
 from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.depth_noise import INVERSE_DEPTH_STEP, kinect_depth
 from dore.sim.vision.perception import detections
-from dore.sim.vision.scene_estimate import NotUnderstood, Why, estimate
+from dore.sim.vision.scene_estimate import NotUnderstood, Observation, Why, estimate
 from dore.world.layout import Layout
 from dore.world.problem import Scene
 from tests.raycast import GREEN, Solid, lying, picture, standing
@@ -32,7 +32,7 @@ def seen(*solids: Solid, config: CameraConfig = SMALL, **more: Any):
 
 def why(*solids: Solid) -> tuple[Why, str]:
     with pytest.raises(NotUnderstood) as caught:
-        estimate(seen(*solids), LAYOUT)
+        estimate(Observation(seen(*solids)), LAYOUT)
     assert "\n" not in str(caught.value)
     return caught.value.why, str(caught.value)
 
@@ -70,7 +70,7 @@ def test_a_noisy_crowded_board_is_read(seed):
     frame = picture(FULL, LAYOUT, solids)
     noisy = replace(frame, depth_m=kinect_depth(frame.depth_m, frame.intrinsic, rng))
     found = detections(noisy, LAYOUT, FULL)
-    assert estimate(found, LAYOUT).scene == Scene(LAYOUT, tuple(sorted(cells[1:])), cells[0])
+    assert estimate(Observation(found), LAYOUT).scene == Scene(LAYOUT, tuple(sorted(cells[1:])), cells[0])
     middles = np.array([solid.middle[:2] for solid in solids])
     assert max(np.linalg.norm(middles - one.xy, axis=1).min() for one in found) < 0.004
     assert {one.shape for one in found} == {"cuboid", "cylinder"}
@@ -89,7 +89,7 @@ def test_a_camera_that_hangs_a_little_askew_is_forgiven():
 
 def test_the_scene_has_ids_in_order():
     board = [standing("cylinder", LAYOUT.cells[cell]) for cell in (9, 2, 16)]
-    assert estimate(seen(*board, TARGET), LAYOUT).scene == Scene(LAYOUT, (2, 9, 16), 14)
+    assert estimate(Observation(seen(*board, TARGET)), LAYOUT).scene == Scene(LAYOUT, (2, 9, 16), 14)
 
 
 @pytest.mark.parametrize("shape", ["cuboid", "cylinder"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dore.sim.vision.scene_estimate import Detection, unconfirmed
+from dore.sim.vision.scene_estimate import Detection, Observation, unconfirmed
 from dore.world.problem import Scene
 from tests.setups import LAYOUT
 
@@ -26,11 +26,17 @@ def test_confirmation_wants_every_obstacle_where_it_stood(cells_xy, fine):
         Detection((LAYOUT.cells[cell][0], LAYOUT.cells[cell][1] + aside), 0.025, 0.15, 0.0, "cylinder", True, False)
         for cell, aside in cells_xy
     ]
-    assert (unconfirmed(seen, before) is None) == fine
+    assert (unconfirmed(Observation(tuple(seen)), before) is None) == fine
 
 
 def test_a_target_still_on_the_board_is_not_confirmed():
     before = Scene(LAYOUT, obstacles=(), target=14)
     held_in_front, standing = ((LAYOUT.front_m - 0.05, 0.0), LAYOUT.cells[14])
     for xy, says in ((held_in_front, None), (standing, "the target still stands on the board")):
-        assert unconfirmed([Detection(xy, 0.025, 0.15, 0.0, "cylinder", True, True)], before) == says
+        one = Detection(xy, 0.025, 0.15, 0.0, "cylinder", True, True)
+        assert unconfirmed(Observation((one,)), before) == says
+
+
+def test_a_board_that_is_not_all_measured_is_not_confirmed():
+    before = Scene(LAYOUT, obstacles=(), target=14)
+    assert unconfirmed(Observation((), frozenset({2, 7})), before) == "cells 3 and 8 are not measured"

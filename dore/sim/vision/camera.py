@@ -9,9 +9,10 @@ import numpy as np
 
 from dore.errors import InputError
 from dore.sim.scene.task import CAMERA, DoreTabletopEnv
+from dore.sim.vision.coverage import observation
 from dore.sim.vision.depth_noise import kinect_depth
-from dore.sim.vision.perception import TARGET_SEGMENT, Frame, detections
-from dore.sim.vision.scene_estimate import Detection
+from dore.sim.vision.perception import TARGET_SEGMENT, Frame
+from dore.sim.vision.scene_estimate import Observation
 
 
 class Sensor(Protocol):
@@ -21,8 +22,8 @@ class Sensor(Protocol):
 
     def __init__(self, env: Any, seed: int) -> None: ...
 
-    def look(self) -> tuple[Detection, ...]:
-        """The objects that are seen now.
+    def look(self) -> Observation:
+        """The objects that are seen now, and the cells that are not measured.
 
         Raises:
             NotUnderstood: no table is seen.
@@ -44,15 +45,16 @@ class RgbdCamera:
     def __init__(self, env: Any, seed: int) -> None:
         self._task: DoreTabletopEnv = env.unwrapped
         self._rng = np.random.default_rng(seed)
+        self._pose_error = self._task.camera.pose_error(np.random.default_rng(seed))
 
-    def look(self) -> tuple[Detection, ...]:
-        """The objects in one frame.
+    def look(self) -> Observation:
+        """What one frame shows.
 
         Raises:
             InputError: as `rendered`.
             NotUnderstood: no table is seen.
         """
-        return detections(self.frame(), self._task.layout, self._task.camera)
+        return observation(self.frame(), self._task.layout, self._task.camera)
 
     def frame(self) -> Frame:
         """One picture, with the camera's noise.
@@ -61,6 +63,7 @@ class RgbdCamera:
             InputError: as `rendered`.
         """
         frame = rendered(self._task)
+        frame = replace(frame, camera_to_world=frame.camera_to_world @ self._pose_error)
         if self._task.camera.noise == "none":
             return frame
         return replace(frame, depth_m=kinect_depth(frame.depth_m, frame.intrinsic, self._rng))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dore.errors import InputError, number, whole
 from dore.sim.motion.frames import Array
@@ -42,6 +43,10 @@ class CameraConfig:
     widest_m: float
     patch_m: float
     fewest_patches: int
+    smallest_m: tuple[float, float]
+    edge_m: float
+    pose_error_m: float
+    pose_error_deg: float
 
     def __post_init__(self) -> None:
         for name, known in (("noise", get_args(Noise)), ("target_by", get_args(TargetBy))):
@@ -61,7 +66,9 @@ class CameraConfig:
         self._check_lists()
 
     def _check_lists(self) -> None:
-        for name, count in (("position_m", 3), ("look_at_m", 3), ("target_hue_deg", 2)):
+        for name, most in (("edge_m", 0.5), ("pose_error_m", 0.5), ("pose_error_deg", 45.0)):
+            number(f"camera.{name}", getattr(self, name), above=-1e-12, at_most=most)
+        for name, count in (("position_m", 3), ("look_at_m", 3), ("target_hue_deg", 2), ("smallest_m", 2)):
             values = getattr(self, name)
             if not isinstance(values, list | tuple) or len(values) != count:
                 raise InputError(f"camera.{name}: got {values!r}, want {count} numbers")
@@ -91,6 +98,13 @@ class CameraConfig:
         pose = np.eye(4)
         pose[:3] = np.column_stack([right, np.cross(ahead, right), ahead, here])
         return pose
+
+    def pose_error(self, rng: np.random.Generator) -> Array:
+        """Float64[4, 4]: a drawn error, in the camera's own frame: it is taken to be at `pose @ error`."""
+        error = np.eye(4)
+        error[:3, :3] = Rotation.from_rotvec(rng.normal(0.0, self.pose_error_deg, 3), degrees=True).as_matrix()
+        error[:3, 3] = rng.normal(0.0, self.pose_error_m, 3)
+        return error
 
     def region(self, layout: Layout) -> tuple[Array, Array]:
         """Float64[2] each: the nearest and the farthest (x, y) that are searched, metres: the cells and margins."""

@@ -28,6 +28,13 @@ _FACE_BELOW_M = 0.001
 _SQUARE_FROM = 0.2
 """Between the fourth moment's share for a disc, 0, and for a square, 3 / 7."""
 
+_MIXED = (0.1, 0.9)
+"""Between these shares of the target's colour a cluster is neither the target nor an obstacle."""
+_LONGER = 1.35
+"""A top face that is so much longer than wide is neither a square nor a disc."""
+_LEANING_DEG, _FEWEST_OF_A_FACE = 6.0, 12
+"""A steeper top face leans; fewer points than that do not tell."""
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -50,15 +57,17 @@ class Frame:
 @dataclass(frozen=True)
 class _Points:
     """What a part of the frame shows, point by point: xy Float64[N, 2] and height Float64[N] above the table, metres;
-    target Bool[N]: looks like the target; camera Float64[3]: where the camera is."""
+    target Bool[N]: looks like the target; border Bool[N]: at the border of the picture; camera Float64[3]: where the
+    camera is."""
 
     xy: Array
     height: Array
     target: NDArray[np.bool_]
+    border: NDArray[np.bool_]
     camera: Array
 
     def __getitem__(self, which: NDArray[np.bool_]) -> _Points:
-        return _Points(self.xy[which], self.height[which], self.target[which], self.camera)
+        return _Points(self.xy[which], self.height[which], self.target[which], self.border[which], self.camera)
 
     def at_height(self, height: float) -> Array:
         """Float64[N, 2]: where their lines of sight are at another height, metres: depth noise moves points on them."""
@@ -112,7 +121,9 @@ def _above_table(frame: Frame, layout: Layout, config: CameraConfig) -> _Points:
     shown = points[inside]
     height = shown[:, 2] - _table_height(shown)
     target, camera = _looks_like_target(frame, inside, config), frame.camera_to_world[:3, 3]
-    return _Points(shown[:, :2], height, target, camera)[height > config.lowest_m]
+    border = np.ones(frame.depth_m.shape, dtype=bool)
+    border[2:-2, 2:-2] = False
+    return _Points(shown[:, :2], height, target, border[inside], camera)[height > config.lowest_m]
 
 
 def _table_height(points: Array) -> Array:
@@ -177,8 +188,38 @@ def _detection(points: _Points, config: CameraConfig, clear: bool) -> Detection:
         x, y = points.xy.mean(0).tolist()
         return Detection((x, y), length / 2, height, 0.0, "cuboid", upright=False, is_target=is_target)
     face = points[points.height > height - _FACE_BELOW_M].at_height(height)
-    xy, half_width, yaw, shape = _footprint(face, _evenly(face, config.patch_m))
-    return Detection(xy, half_width, height, yaw, shape, upright=True, is_target=is_target)
+    weight = _evenly(face, config.patch_m)
+    xy, half_width, yaw, shape = _footprint(face, weight)
+    doubt = _doubt(points, height, face, weight)
+    return Detection(xy, half_width, height, yaw, shape, upright=True, is_target=is_target, doubt=doubt)
+
+
+def _doubt(points: _Points, height: float, face: Array, weight: Array) -> str:
+    """Why a cluster is not one whole object; empty: nothing speaks against it.
+
+    face: Float64[N, 2], points of the top face; weight: Float64[N], of each.
+    """
+    if points.border.any():
+        return "the picture's border cuts it"
+    share = float(points.target.mean())
+    if _MIXED[0] < share < _MIXED[1]:
+        return f"the target's colour is on {100 * share:.0f} % of it, so it is two, stacked or touching"
+    spread = np.linalg.eigvalsh(np.cov(face.T, aweights=weight))
+    if spread[1] > _LONGER**2 * spread[0]:
+        return f"its top is {math.sqrt(spread[1] / spread[0]):.1f} times as long as wide, so it is two, or half hidden"
+    leaning = _leaning_deg(points[points.height > height - _TOP_BAND_M], face)
+    return f"it leans by {leaning:.0f} degrees" if leaning > _LEANING_DEG else ""
+
+
+def _leaning_deg(top: _Points, face: Array) -> float:
+    """The slope of a top face, degrees: of a plane through the points over the middle half of it."""
+    middle = face.mean(0)
+    near = np.linalg.norm(top.xy - middle, axis=1) < np.median(np.linalg.norm(face - middle, axis=1))
+    if near.sum() < _FEWEST_OF_A_FACE:
+        return 0.0
+    basis = np.column_stack([top.xy[near] - middle, np.ones(near.sum())])
+    slope = np.linalg.lstsq(basis, top.height[near], rcond=None)[0][:2]
+    return math.degrees(math.atan(float(np.linalg.norm(slope))))
 
 
 def _length(xy: Array) -> float:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,10 @@ class Why(StrEnum):
     """Why a picture was not understood."""
 
     NO_TABLE = "no_table"
+    NOT_MEASURED = "not_measured"
+    """Cells of which it is not known whether they are empty."""
+    NOT_WHOLE = "not_whole"
+    """An object leans, is seen in part, or is several: stacked, or side by side."""
     NOT_UPRIGHT = "not_upright"
     """An object lies down, or touches another, or something hangs over the board."""
     OFF_BOARD = "off_board"
@@ -47,6 +51,7 @@ class Detection:
     yaw_rad: how a cuboid is turned, in (-pi/4, pi/4]; 0 for all others.
     shape: of the top face; meaningless if not upright.
     upright: stands on its own; False for what lies, for several that touch, and for what hangs over a cell.
+    doubt: why it is not one whole object, in a few words; empty: nothing speaks against it.
     """
 
     xy: tuple[float, float]
@@ -56,9 +61,18 @@ class Detection:
     shape: Shape
     upright: bool
     is_target: bool
+    doubt: str = ""
 
     def __str__(self) -> str:
         return f"{'target' if self.is_target else 'object'} at ({self.xy[0]:.3f}, {self.xy[1]:.3f}) m"
+
+
+class Observation(NamedTuple):
+    """What one frame shows of a board."""
+
+    objects: tuple[Detection, ...]
+    unmeasured: frozenset[int] = frozenset()
+    """Cells, from 0, of which it is not known whether they are empty."""
 
 
 @dataclass(frozen=True)
@@ -86,24 +100,33 @@ def cell_of(detection: Detection, layout: Layout) -> int | None:
     return int(np.abs(centres - xy).max(axis=1).argmin())
 
 
-def estimate(detections: Sequence[Detection], layout: Layout) -> SceneEstimate:
-    """The scene that the camera sees.
+def estimate(seen: Observation, layout: Layout) -> SceneEstimate:
+    """The scene that the camera sees: every cell is empty, or holds one whole object.
 
     Raises:
-        NotUnderstood: an object is off the board, or not upright; two share a cell; no target, or two.
+        NotUnderstood: an object is off the board, not upright or not whole; two share a cell; no target, or two; or it
+            is not known whether a cell is empty.
     """
     on: dict[int, Detection] = {}
-    for one in detections:
+    for one in seen.objects:
         cell = cell_of(one, layout)
         if cell is None:
             raise NotUnderstood(Why.OFF_BOARD, f"the {one} is outside every cell")
         if not one.upright:
             size = f"{one.height_m:.2f} m high and {2 * one.half_width_m:.2f} m long"
             raise NotUnderstood(Why.NOT_UPRIGHT, f"the {one} does not stand upright on its own: {size}")
+        if one.doubt:
+            raise NotUnderstood(
+                Why.NOT_WHOLE, f"the {one} in cell {cell_id(cell)} is not one whole object: {one.doubt}"
+            )
         if cell in on:
             two = f"the {on[cell]} and the {one}"
             raise NotUnderstood(Why.SHARED_CELL, f"two objects in cell {cell_id(cell)}: {two}; want one at most")
         on[cell] = one
+    if seen.unmeasured:
+        raise NotUnderstood(
+            Why.NOT_MEASURED, f"{_listed(seen.unmeasured)} not measured: something may stand there unseen"
+        )
     targets = sorted(cell for cell, one in on.items() if one.is_target)
     if not targets:
         raise NotUnderstood(Why.NO_TARGET, f"no target seen, but {len(on)} obstacles")
@@ -114,13 +137,21 @@ def estimate(detections: Sequence[Detection], layout: Layout) -> SceneEstimate:
     return SceneEstimate(scene, tuple(on[cell] for cell in (scene.target, *scene.obstacles)))
 
 
-def unconfirmed(detections: Sequence[Detection], before: Scene) -> str | None:
+def _listed(cells: Collection[int]) -> str:
+    """ "cell 3 is", "cells 3 and 7 are"."""
+    ids = [str(cell_id(cell)) for cell in sorted(cells)]
+    return f"cell {ids[0]} is" if len(ids) == 1 else f"cells {', '.join(ids[:-1])} and {ids[-1]} are"
+
+
+def unconfirmed(seen: Observation, before: Scene) -> str | None:
     """Why it is not sure that the target, and nothing else, has left a board; None: it is."""
     # What hangs in the hand, in front of the grid, is not on the board.
-    on_board = [one for one in detections if one.xy[0] > before.layout.front_m]
+    on_board = [one for one in seen.objects if one.xy[0] > before.layout.front_m]
     if any(one.is_target for one in on_board):
         return "the target still stands on the board"
     cells = [cell_of(one, before.layout) if one.upright else None for one in on_board]
     if len(cells) != len(before.obstacles) or set(cells) != set(before.obstacles):
         return "the obstacles do not stand where they stood"
+    if seen.unmeasured:
+        return f"{_listed(seen.unmeasured)} not measured"
     return None
