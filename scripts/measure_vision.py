@@ -31,7 +31,7 @@ from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera import RgbdCamera, rendered
 from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.perception import detections
-from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Why, cell_of, estimate
+from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Observation, Why, cell_of, estimate
 from dore.world.layout import Layout
 from dore.world.problem import Scene
 from scripts.program import run
@@ -111,7 +111,7 @@ def lying_scenes(camera: CameraConfig, count: int, seed: int) -> Rows:
         placed = random_arrangement(LAYOUT, rng, most=_FEW_OBSTACLES)
         with standing(placed, camera) as env:
             if lay_down(env, placed, rng):
-                seen = RgbdCamera(env, seed=index).look()
+                seen = RgbdCamera(env, seed=index).look().objects
                 found.append({"scene": index, "reported": scene_row(placed, seen)["lying"]})
         if len(found) == count:
             return found
@@ -190,7 +190,7 @@ def scene_row(placed: Arrangement, seen: tuple[Detection, ...]) -> dict[str, Any
     targets = [cell_of(one, placed.layout) for one in seen if one.is_target]
     row = {"exact": False, "target": targets == [placed.cells[0]], "wrong": "", "lying": False}
     try:
-        return row | {"exact": estimate(seen, placed.layout).scene == placed.scene}
+        return row | {"exact": estimate(Observation(seen), placed.layout).scene == placed.scene}
     except NotUnderstood as error:
         return row | {"wrong": str(error), "lying": error.why is Why.NOT_UPRIGHT}
 
