@@ -11,7 +11,7 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -20,14 +20,14 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from dore.app import build
 from dore.draw.board_art import CELL_INCH, LEGEND, draw_legend
-from dore.draw.boards import Panel, draw_panel
+from dore.draw.boards import Panel, draw_panel, panels_of
 from dore.draw.style import INK, save_figure
 from dore.errors import InputError
 from dore.learn.checkpoint import SHIPPED
 from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
-from dore.world.plan import Move, Plan, Status, replay
+from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Batch, Problem
 from scripts.program import composed, run
 
@@ -57,18 +57,21 @@ class Options:
 class Mistake:
     """The network's first move after which no plan of one move fewer is proved.
 
-    number: the move's, from 1. problem: the board before it. now: the corridor cost of that board.
-    best: the first move of a shortest plan from there. optimum, after: the fewest moves before and after the
-    network's move; `after` is None where there is no plan, or no proof in time.
+    panel: the board before it, and the move. now: the corridor cost of that board. best: the first move of a shortest
+    plan from there. before, after: the fewest moves before and after the network's move; `after` is None where there is
+    no plan, or no proof in time.
     """
 
-    number: int
-    problem: Problem
+    panel: Panel
     now: int
     best: Move
-    move: Move
-    optimum: int
+    before: int
     after: int | None
+
+    @property
+    def number(self) -> int:
+        """The move's, from 1."""
+        return self.panel.number
 
 
 @dataclass(frozen=True)
@@ -76,8 +79,8 @@ class Board:
     """A validation board.
 
     column: LAYOUT_INSTANCES. instance: its number in the set, from 1. status: of the proof. optimum: its proved fewest
-    moves, None where there is no plan or no proof. now: the corridor cost of it. ending: why the network's plan ends
-    without the target, empty where it does not or where nothing is proved.
+    moves, None where there is no plan or no proof. now: the corridor cost of it. stop_reason: why the network's
+    plan stops without the target, empty where it does not or where nothing is proved.
     """
 
     column: str
@@ -85,14 +88,14 @@ class Board:
     status: Status
     optimum: int | None
     now: int
-    ending: str = ""
+    stop_reason: str = ""
     mistake: Mistake | None = None
 
     @property
     def row(self) -> dict[str, Any]:
         """For rows.csv."""
-        names = ("column", "instance", "status", "optimum", "now", "ending")
-        mistake = [getattr(self.mistake, name, None) for name in ("number", "now", "optimum", "after")]
+        names = ("column", "instance", "status", "optimum", "now", "stop_reason")
+        mistake = [getattr(self.mistake, name, None) for name in ("number", "now", "before", "after")]
         found = {name: getattr(self, name) for name in names} | {"status": str(self.status)}
         return found | dict(zip(("mistake", "mistake_now", "before", "after"), mistake, strict=True))
 
@@ -133,22 +136,18 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
     for number, (problem, proof, tried, now) in enumerate(plans, 1):
         board = Board(name, number, proof.status, proof.optimal_moves, now)
         if proof.status is Status.SOLVED and tried.status is not Status.SOLVED:
-            board = replace(board, ending=tried.reason, mistake=mistake_of(problem, proof, tried, exact))
+            board = replace(board, stop_reason=tried.reason, mistake=mistake_of(problem, proof, tried, exact))
         found.append(board)
     return found
 
 
 def mistake_of(problem: Problem, proof: Plan, tried: Plan, exact: Planner) -> Mistake | None:
-    """The first mistake of the network's plan; None where it ends before one."""
-    reach = problem.reach
-    states = [
-        Problem(replace(problem.scene, obstacles=tuple(sorted(board))), reach) for board in replay(problem, tried)
-    ]
-    for number, (before, move, after) in enumerate(zip(states, tried.moves, states[1:], strict=False), 1):
-        (then,) = exact.plan(Batch.of(after))
+    """The first mistake of the network's plan; None where it stops before one."""
+    for before, after in pairwise(panels_of(problem, tried)):
+        (then,) = exact.plan(Batch.of(after.problem))
         if then.optimal_moves != len(proof.moves) - 1:
-            now = int(corridor_costs(reach, *Batch.of(before)).now)
-            return Mistake(number, before, now, proof.moves[0], move, len(proof.moves), then.optimal_moves)
+            now = int(corridor_costs(problem.reach, *Batch.of(before.problem)).now)
+            return Mistake(before, now, proof.moves[0], len(proof.moves), then.optimal_moves)
         proof = then
     return None
 
@@ -185,10 +184,10 @@ def sides(board: Board) -> list[tuple[str, Panel]]:
     mistake = board.mistake
     if mistake is None:
         return []
-    best, move = (Panel(mistake.problem, one, number=mistake.number) for one in (mistake.best, mistake.move))
+    move, best = mistake.panel, replace(mistake.panel, move=mistake.best)
     left = f"{mistake.after} left" if mistake.after is not None else "no plan proved"
     size, obstacles = board.column.replace("x", " x ").split("_z")
-    shortest = f"a shortest plan: {best.words}, {mistake.optimum - 1} left"
+    shortest = f"a shortest plan: {best.words}, {mistake.before - 1} left"
     networks = f"the network's move {mistake.number}: {move.words}, {left}"
     return [
         (f"{size}, {obstacles} obstacles, no. {board.instance}\n{shortest}", best),

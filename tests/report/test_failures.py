@@ -39,18 +39,18 @@ def untrained(tmp_path_factory):
 def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
     boards = boards_of("3x6_z3-7", untrained, 60)
     assert [board.instance for board in boards] == list(range(1, 61))
-    failed = [board for board in boards if board.ending]
+    failed = [board for board in boards if board.stop_reason]
     assert failed
     for board in failed:
         mistake = board.mistake
         assert mistake is not None
-        assert mistake.optimum == board.optimum - (mistake.number - 1)
-        assert mistake.after is None or mistake.after >= mistake.optimum
-        assert (mistake.best.pick, mistake.best.place) != (mistake.move.pick, mistake.move.place)
-        assert mistake.move.pick in mistake.problem.scene.obstacles
+        assert mistake.before == board.optimum - (mistake.number - 1)
+        assert mistake.after is None or mistake.after >= mistake.before
+        assert (mistake.best.pick, mistake.best.place) != (mistake.panel.move.pick, mistake.panel.move.place)
+        assert mistake.panel.move.pick in mistake.panel.problem.scene.obstacles
         if mistake.number == 1:
             assert mistake.now == board.now
-    assert all(board.mistake is None for board in boards if not board.ending)
+    assert all(board.mistake is None for board in boards if not board.stop_reason)
 
 
 def rows(above: tuple[int, int], below: tuple[int, int]) -> list[dict[str, object]]:
@@ -59,9 +59,9 @@ def rows(above: tuple[int, int], below: tuple[int, int]) -> list[dict[str, objec
     found = []
     for now, (solved, failed) in ((1, above), (2, below)):
         board = {"column": "8x8_z3-13", "instance": 1, "status": "solved", "optimum": 2, "now": now}
-        found += [board | {"ending": None} | dict.fromkeys(lost)] * solved
-        found += [board | {"ending": "move budget"} | lost] * failed
-    none = found[0] | {"optimum": None, "ending": None} | dict.fromkeys(lost)
+        found += [board | {"stop_reason": None} | dict.fromkeys(lost)] * solved
+        found += [board | {"stop_reason": "move budget"} | lost] * failed
+    none = found[0] | {"optimum": None, "stop_reason": None} | dict.fromkeys(lost)
     return [*found, none | {"status": "unsolvable"}, none | {"status": "gave_up"}]
 
 
