@@ -36,11 +36,11 @@ from tests.trust.judge import Exhaustion, World, fault
 GRIDS = ("3x6", "5x5", "6x6", "7x7", "8x8", "9x9", "10x10")
 REACHES = ("wide_hand", "paper_fit", "published", "panda_slim", "jaco")
 SHARES = {
-    "straight_line": 0.35,
-    "learned": 0.4,
-    "guided": 0.1,
-    "exact": 0.1,
-    "graph_search": 0.0495,
+    "straight_line": 0.45,
+    "learned": 0.5,
+    "guided": 0.02,
+    "exact": 0.02,
+    "graph_search": 0.0095,
     "transfer": 0.0005,
 }
 """Each planner's share of the plans."""
@@ -48,7 +48,7 @@ BUDGETS = (
     *("planners.exact.max_seconds=0.3", "planners.guided.max_seconds=0.3", "planners.transfer.max_seconds=0.3"),
     *("planners.graph_search.max_seconds=0.2", "planners.graph_search.max_nodes=20000"),
 )
-BATCH = 64
+BATCH = 256
 DENSITY = (0.08, 0.5)
 """The share of the cells that obstacles fill, from and to."""
 SMALL = ((2, 2), (1, 4), (2, 3), (3, 2), (2, 4), (3, 3), (3, 4))
@@ -200,12 +200,11 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--plans", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--parts", nargs="+", default=["proofs", "plans"], choices=["proofs", "plans"])
     given = parser.parse_args()
     torch.set_num_threads(1)
-    for name, counts in (
-        ("proofs", judge_proofs(SMALL, given.seed)),
-        ("plans", judge_plans(given.plans, given.seed)),
-    ):
+    for name in given.parts:
+        counts = judge_proofs(SMALL, given.seed) if name == "proofs" else judge_plans(given.plans, given.seed)
         write_measurements(given.folder / name, [asdict(count) for count in counts], seed=given.seed)
         wrong = [count for count in counts if count.invalid]
         print(f"{name}: {sum(count.plans for count in counts):,}, invalid: {sum(count.invalid for count in wrong)}")
