@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -79,7 +80,7 @@ def make(node: Any, name: str, **given: Any) -> Any:
         # Nested nodes are built on the way, and say best themselves what is wrong with them.
         if isinstance(error.__cause__, InputError | OSError | MemoryError):
             raise error.__cause__ from None
-        raise InputError(f"{name}: {' '.join(str(error).split())}") from None
+        raise _refusal(name, error) from None
     return call(factory, name, **given)
 
 
@@ -94,7 +95,13 @@ def call(factory: Callable[..., Any], name: str, *given: Any, **named: Any) -> A
     except InputError:
         raise
     except (ValueError, TypeError, ImportError) as error:
-        raise InputError(f"{name}: {' '.join(str(error).split())}") from None
+        raise _refusal(name, error) from None
+
+
+def _refusal(name: str, error: Exception) -> InputError:
+    """An error of a constructor in one line, without the constructor's own name."""
+    text = re.sub(r"\b[\w.]*\.__init__\(\) ", "", " ".join(str(error).split()))
+    return InputError(f"{name}: {text}")
 
 
 def trust(*modules: str) -> None:

@@ -158,7 +158,7 @@ def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch, tmp_path)
     class Late(TrueCamera):
         def look(self):
             seen, env = super().look(), self.env
-            if not any(one.is_target for one in seen):
+            if not any(one.is_target for one in seen.objects):
                 env.unwrapped.objects[0].set_pose(sapien.Pose(p=[1.5, 0.0, -1.0]))
                 for _ in range(10):
                     env.step(torch.tensor([*env.unwrapped.agent.arm_joints()[0].tolist(), -1.0]))

@@ -129,7 +129,7 @@ class _ClosedRun:
             expected = None
             if went_well and move is not None:
                 expected = seen.scene.target, set(seen.scene.obstacles) - {move.pick} | {move.place}
-            plan = replace(plan, moves=plan.moves[1:])
+            plan = replace(plan, moves=plan.moves[1:], optimal_moves=None)
 
     def _disturb(self) -> None:
         done = self._loop.disturbance.between_moves(self._execution.world, self._moves, self._rng)
