@@ -12,7 +12,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.planners.base import RawPlan
+from dore.planners.base import EXHAUSTED, RawPlan
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.visited_set import SeenBoards
 from dore.world.board import bit, count, unpack
@@ -93,8 +93,7 @@ class Search:
                 self._work(excess, budget, place)
                 self._spend()
         for left in self.alive.nonzero().squeeze(-1).tolist():
-            why = f"all {self.seen.count(left)} boards that can be reached are exhausted"
-            self._end(row == left, Status.UNSOLVABLE, why)
+            self._end(row == left, Status.UNSOLVABLE, EXHAUSTED.format(self.seen.count(left)))
 
     def give_up(self, why: str) -> None:
         """End what is alive without a proof."""
@@ -114,8 +113,8 @@ class Search:
     def _test_locks(self) -> None:
         """End the instances that no search is needed for; a test that most are solved without."""
         self.lock_tested = True
-        shut = self.alive & self.relaxation.locked(*self.start)
-        self._end(shut, Status.UNSOLVABLE, LOCKED)
+        locked = self.alive & self.relaxation.locked(*self.start)
+        self._end(locked, Status.UNSOLVABLE, LOCKED)
 
     def _work(self, excess: int, budget: int, place: Tensor) -> None:
         """Expand boards with a budget; queue their successors, and themselves unless nothing is left out."""
@@ -183,7 +182,7 @@ class Search:
         place = waiting[-size:]
         self.taken += len(place)
         row = self.seen.row[place]
-        # A board that was reached by fewer moves meanwhile is queued elsewhere too.
+        # A board that has since been reached by fewer moves is queued elsewhere too.
         current = self.seen.moves[place] == self.first_bound[row] + excess - budget
         return excess, budget, place[current & self.alive[row]]
 

@@ -15,6 +15,9 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import lift
 
+EXHAUSTED = "all {} boards that can be reached are exhausted"
+"""The reason of a plan where a search proves that there is no solution."""
+
 
 class RawPlan(NamedTuple):
     """What a planner found for one instance, before anything is checked."""

@@ -40,8 +40,8 @@ class Exact(Planner):
         max_seconds: gives up on an instance after this many wall seconds of its own; where many are planned together,
             the time of each step is shared out by the boards that each has in it.
         max_memory_mb: what the boards seen may take at a time, MiB. Where instances planned together need more,
-            they are planned one by one; one that alone needs more is given up. Some 200 MiB for the step being
-            worked on come on top.
+            they are planned one by one; one that alone needs more is given up. The step being worked
+            on needs some 200 MiB more.
 
     Raises:
         InputError: a budget of zero or below.

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import number, whole
-from dore.planners.base import Planner, RawPlan
+from dore.planners.base import EXHAUSTED, Planner, RawPlan
 from dore.world.board import bit
 from dore.world.plan import Status
 from dore.world.problem import Batch
@@ -80,7 +80,7 @@ class GraphSearch(Planner):
             return [RawPlan(moves, Status.SOLVED, seconds, expansions, len(moves))]
         if waiting:
             return [RawPlan([], Status.GAVE_UP, seconds, expansions, reason=spent)]
-        reason = f"all {len(made_from)} boards that can be reached are exhausted"
+        reason = EXHAUSTED.format(len(made_from))
         return [RawPlan([], Status.UNSOLVABLE, seconds, expansions, reason=reason)]
 
     def _branches(self, node: Node, target: Tensor) -> Iterator[tuple[Node, int, int, bool]]:

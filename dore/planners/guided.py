@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import torch
 
 from dore.errors import number, whole
-from dore.planners.base import Planner, RawPlan
+from dore.planners.base import EXHAUSTED, Planner, RawPlan
 from dore.planners.beam import Beam
 from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
 from dore.planners.learned import Learned
@@ -140,7 +140,7 @@ class Guided(Planner):
             elif one.moves is not None:
                 one.proved = not narrow
             elif not narrow and not cut:
-                one.proved, one.refusal = True, f"all {boards} boards that can be reached are exhausted"
+                one.proved, one.refusal = True, EXHAUSTED.format(boards)
             if full:
                 one.spent = "memory budget"
 
@@ -150,7 +150,7 @@ class Guided(Planner):
         if not rows:
             return
         locked = self.relaxation.locked(start.board[rows], start.target[rows]).tolist()
-        for row in (row for row, shut in zip(rows, locked, strict=True) if shut):
+        for row in (row for row, is_locked in zip(rows, locked, strict=True) if is_locked):
             searches[row].proved, searches[row].refusal = True, LOCKED
 
     def _judge(self, search: _Attempt) -> None:

@@ -68,7 +68,7 @@ class InstanceMemory(ReplayBuffer):
         return places
 
     def sample(self, batch_size: int) -> TensorDictBase:  # type: ignore[override]
-        """Transitions by chance, the known way among them."""
+        """Transitions drawn at random, the known way among them."""
         if self.way is None:
             return super().sample(batch_size)
         of_way = int(WAY_SHARE * batch_size)

@@ -42,7 +42,7 @@ class Learned(Planner):
 
     def copy_of_agent(self) -> Agent:
         """A new agent with a copy of the model's weights."""
-        # Mirror images only help to learn; a layout without one can be planned on all the same.
+        # Mirror images only help to learn; a layout without one can still be planned on.
         config = dict(self._config)
         if self.reach.mirror is None and isinstance(config.get("agent"), dict):
             config["agent"] = {**config["agent"], "symmetry": False}

@@ -17,7 +17,7 @@ from dore.learn.learner import Learner
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.learn.trainer import MAIN, StopReason, Trainer
 from dore.learn.worlds import World
-from dore.planners.base import Planner, RawPlan
+from dore.planners.base import EXHAUSTED, Planner, RawPlan
 from dore.planners.bounds import LOCKED, DeleteRelaxation
 from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned, raw_plan_of
@@ -147,5 +147,4 @@ class Transfer(Planner):
 
 def _refusal(memory: InstanceMemory, seconds: float) -> RawPlan:
     """The memory's proof that there is no plan."""
-    reason = f"all {len(memory.boards)} boards that can be reached are exhausted"
-    return RawPlan([], Status.UNSOLVABLE, seconds, reason=reason)
+    return RawPlan([], Status.UNSOLVABLE, seconds, reason=EXHAUSTED.format(len(memory.boards)))

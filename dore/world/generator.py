@@ -1,7 +1,7 @@
-"""Random problem instances, without end, and the split that each belongs to.
+"""An unlimited supply of random problem instances, and the split that each belongs to.
 
 The split is a function of the board alone, the same for a board and its mirror image, which are the same problem. So
-training can draw fresh boards without end, mirrored or not, and never starts an episode on one of the test split. On
+training can always draw fresh boards, mirrored or not, and never starts an episode on one of the test split. On
 its way an episode does stand on such boards, as on any others: docs/results/trust.md says on how many.
 """
 
@@ -79,7 +79,7 @@ class InstanceSource:
 
 
 class FreshInstances(InstanceSource):
-    """Draws new boards of one split, without end, on the reach's device."""
+    """Draws new boards of one split, as many as are wanted, on the reach's device."""
 
     def __init__(self, reach: Reach, difficulty: Difficulty, split: str, seed: int) -> None:
         super().__init__(seed, reach.device)

@@ -145,7 +145,7 @@ class InstanceSplits:
 
     Args:
         min_obstacles, max_obstacles: see `dore.world.generator.Difficulty`.
-        train_size: how many instances to train on; None draws new ones without end.
+        train_size: how many instances to train on; None draws new ones all the time.
         validation_size, test_size: how many instances these sets hold.
         seed: of the sets.
 

@@ -205,7 +205,7 @@ def test_a_big_board_stays_near_its_memory_cap() -> None:
     status, reason, grown_mib = done.stdout.strip().split(";")
     assert status == "gave_up"
     assert reason.startswith("memory budget: ")
-    assert float(grown_mib) < 1.0 + 200.0, "the cap, and what the class says comes on top"
+    assert float(grown_mib) < 1.0 + 200.0, "the cap, and what the class says a step needs more"
 
 
 @pytest.mark.parametrize("key", ["max_nodes", "max_seconds", "max_memory_mb"])

@@ -32,7 +32,7 @@ class Hyperparameters:
     gamma: discount of a move.
     double: double Q-learning (the paper's DQN is plain).
     loss_function: smooth_l1 or l2 (the paper's, eq. 3).
-    symmetry: learn from each stored move or its mirror image, by chance (the paper does not).
+    symmetry: learn from each stored move or its mirror image, at random (the paper does not).
 
     Raises:
         InputError: a value outside its domain.
