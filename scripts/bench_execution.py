@@ -25,8 +25,8 @@ import torch
 from dore.app import build
 from dore.app.execute import open_loop_of, setup_of
 from dore.report.measurements import write_measurements
+from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.collision import CollisionChecker
-from dore.sim.motion.kinematics import ArmKinematics
 from dore.sim.run.execution import execute
 from dore.sim.run.setup import CONTROL_S
 from dore.world.problem import Problem, Scene

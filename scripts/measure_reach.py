@@ -25,10 +25,11 @@ from omegaconf import OmegaConf
 
 from dore.report.measurements import write_measurements
 from dore.sim.config import ArmConfig, ObjectConfig, preset
+from dore.sim.frames import TABLE_OVERHANG_M
+from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.motion.arm_reach import arm_reach, follow_corridor
-from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Held, Standing
-from dore.sim.motion.kinematics import ArmKinematics, Unreachable
-from dore.sim.scene.urdf import arm_files
+from dore.sim.motion.collision import CollisionChecker, Held, Standing
+from dore.sim.urdf import arm_files
 from dore.world.board import unpack
 from dore.world.layout import Layout
 from scripts.program import run

@@ -25,11 +25,11 @@ from tqdm import trange
 
 from dore.files import check_outputs
 from dore.report.measurements import write_measurements
+from dore.sim.camera_config import CameraConfig
 from dore.sim.config import Body, preset
-from dore.sim.motion.frames import Array
+from dore.sim.frames import Array
 from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera import RgbdCamera, rendered
-from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.perception import detections
 from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Observation, Why, cell_of, estimate
 from dore.world.layout import Layout

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch, Polygon
 
 from dore.draw.board_art import OBSTACLE_COLOUR, TARGET_COLOUR, draw_cells
 from dore.draw.style import BLUE, INK, save_figure
-from dore.sim.motion.frames import Array
+from dore.sim.frames import Array
 from dore.sim.vision.perception import Frame
 from dore.sim.vision.scene_estimate import Detection, Shape, cell_of
 from dore.world.layout import Layout

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dore.sim.motion.frames import Array
-from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.camera_config import CameraConfig
+from dore.sim.frames import Array
 from dore.sim.vision.perception import Frame
 from dore.world.layout import Layout
 

@@ -24,6 +24,14 @@ ALLOWED: dict[str, set[str]] = {
     "app": {"world", "draw", "learn", "planners", "sim", "report"},
 }
 """The packages that each package may import, the ground apart."""
+ALLOWED_IN_SIM: dict[str, set[str]] = {
+    "base": set(),
+    "scene": {"base"},
+    "motion": {"base"},
+    "vision": {"base", "scene"},
+    "run": {"base", "scene", "motion", "vision"},
+}
+"""The same between the packages of dore.sim; `base`: the modules directly under it."""
 OWNERS = {
     **{key: {"sim"} for key in ("mani_skill", "sapien", "pinocchio", "pin", "coal", "hppfcl", "gymnasium")},
     **{key: {"learn", "planners", "app"} for key in ("torchrl", "tensordict")},
@@ -68,6 +76,14 @@ def package_of(module: str) -> str:
     return "ground" if len(parts) == 1 or parts[1] in GROUND else parts[1]
 
 
+def part_of(module: str) -> str | None:
+    """`scene` of dore.sim.scene.task, `base` of dore.sim.frames; None outside dore.sim."""
+    parts = module.split(".")
+    if parts[:2] != ["dore", "sim"]:
+        return None
+    return parts[2] if len(parts) > 2 and (ROOT / "dore" / "sim" / parts[2]).is_dir() else "base"
+
+
 def test_every_package_is_known_and_few_modules_lie_beside_them() -> None:
     assert {package_of(module) for module in MODULES} == set(ALLOWED)
     assert len(list((ROOT / "dore").glob("*.py"))) <= 6
@@ -81,6 +97,22 @@ def test_arrows_run_one_way(package: str) -> None:
         for module, names in sorted(IMPORTS.items())
         for name in sorted(names)
         if package_of(module) == package and name.split(".")[0] == "dore" and package_of(name) not in allowed
+    ]
+    assert offences == []
+
+
+def test_every_package_of_sim_is_known() -> None:
+    assert {part_of(module) for module in MODULES} == {None, *ALLOWED_IN_SIM}
+
+
+@pytest.mark.parametrize("part", ALLOWED_IN_SIM)
+def test_arrows_run_one_way_inside_sim(part: str) -> None:
+    allowed = ALLOWED_IN_SIM[part] | {part, None}
+    offences = [
+        f"{module} imports {name}"
+        for module, names in sorted(IMPORTS.items())
+        for name in sorted(names)
+        if part_of(module) == part and part_of(name) not in allowed
     ]
     assert offences == []
 

@@ -12,9 +12,9 @@ import torch
 from dore.files import conf_dir
 from dore.report import results
 from dore.sim.config import preset
+from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences
-from dore.sim.motion.kinematics import ArmKinematics
-from dore.sim.scene.urdf import arm_files
+from dore.sim.urdf import arm_files
 from dore.world.board import unpack
 from dore.world.files import read_plan
 from dore.world.layout import Layout

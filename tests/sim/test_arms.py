@@ -13,13 +13,13 @@ import torch
 from dore.errors import InputError
 from dore.files import conf_dir
 from dore.sim.config import ArmConfig, ObjectConfig, preset
+from dore.sim.kinematics import LARGEST_STEP_RAD, ArmKinematics
 from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences, follow_corridor
-from dore.sim.motion.kinematics import LARGEST_STEP_RAD, ArmKinematics
 from dore.sim.run.execution import execute
 from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.setup import Setup
 from dore.sim.scene.jaco import jaco
-from dore.sim.scene.urdf import arm_files
+from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 from dore.world.plan import Move, Plan, PlanFile, Status, replay
 from dore.world.problem import Problem, Scene

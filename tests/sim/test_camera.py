@@ -14,13 +14,13 @@ import sapien
 import torch
 
 from dore.errors import InputError
+from dore.sim.camera_config import CameraConfig
 from dore.sim.config import preset
-from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.kinematics import ArmKinematics
 from dore.sim.scene.agent import render_backend
 from dore.sim.scene.task import CAMERA
-from dore.sim.scene.urdf import arm_files
+from dore.sim.urdf import arm_files
 from dore.sim.vision.camera import RgbdCamera, rendered
-from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.perception import detections
 from dore.sim.vision.scene_estimate import NotUnderstood, Why, estimate
 from dore.world.layout import Layout

@@ -10,8 +10,8 @@ import pytest
 
 from dore.errors import InputError
 from dore.sim.config import Body, preset
-from dore.sim.motion.frames import corridor, hand_pose, inside, straight
-from dore.sim.motion.kinematics import timed
+from dore.sim.frames import corridor, hand_pose, inside, straight
+from dore.sim.kinematics import timed
 
 
 def test_corridor_at_zero_degrees_points_away_from_the_base():

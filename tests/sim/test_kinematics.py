@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dore.sim.config import Body, preset
-from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Held, Standing
-from dore.sim.motion.frames import corridor, hand_pose
-from dore.sim.motion.kinematics import LARGEST_STEP_RAD, ArmKinematics, Reached, Unreachable
+from dore.sim.frames import TABLE_OVERHANG_M, corridor, hand_pose
+from dore.sim.kinematics import LARGEST_STEP_RAD, ArmKinematics, Reached, Unreachable
+from dore.sim.motion.collision import CollisionChecker, Held, Standing
 from dore.sim.scene.panda import slim_urdf
-from dore.sim.scene.urdf import arm_files
+from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 
 LAYOUT = Layout.grid(3, 6, 0.12, 0.50)

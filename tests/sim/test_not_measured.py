@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dore.errors import InputError
+from dore.sim.camera_config import CameraConfig
 from dore.sim.config import preset
-from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.coverage import observation
 from dore.sim.vision.depth_noise import kinect_depth
 from dore.sim.vision.perception import Frame

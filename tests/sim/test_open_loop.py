@@ -14,7 +14,7 @@ import sapien
 
 from dore.errors import InputError
 from dore.sim.config import preset
-from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.outcome import Outcome
 from dore.sim.run import execution
 from dore.sim.run.execution import Execution

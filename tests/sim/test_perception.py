@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dore.errors import InputError
+from dore.sim.camera_config import CameraConfig
 from dore.sim.config import preset
-from dore.sim.vision.camera_config import CameraConfig
 from dore.sim.vision.depth_noise import INVERSE_DEPTH_STEP, kinect_depth
 from dore.sim.vision.perception import detections
 from dore.sim.vision.scene_estimate import NotUnderstood, Observation, Why, estimate

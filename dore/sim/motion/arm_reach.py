@@ -8,9 +8,9 @@ import numpy as np
 from torch import Tensor
 
 from dore.sim.config import ArmConfig, ObjectConfig
-from dore.sim.motion.frames import Array, corridor
-from dore.sim.motion.kinematics import ArmKinematics, Reached, Unreachable
-from dore.sim.scene.urdf import arm_files
+from dore.sim.frames import Array, corridor
+from dore.sim.kinematics import ArmKinematics, Reached, Unreachable
+from dore.sim.urdf import arm_files
 from dore.world.board import unpack
 from dore.world.layout import Layout
 from dore.world.problem import cell_id

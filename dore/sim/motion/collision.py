@@ -10,11 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from dore.sim.config import Body
-from dore.sim.motion.frames import Array, hand_pose
-from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.frames import Array, hand_pose
+from dore.sim.kinematics import ArmKinematics
 
-TABLE_OVERHANG_M = 0.03
-"""How far the table top stands out from the grid, towards the robot; metres."""
 _GRASP_MARGIN_M = 0.001
 _TABLE_MARGIN_M = 0.005
 _BOTTOM_GAP_M = 0.004

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dore.sim.config import Body
-from dore.sim.motion.collision import TABLE_OVERHANG_M, CollisionChecker, Held, Standing
-from dore.sim.motion.frames import Array, Corridor, corridor
-from dore.sim.motion.kinematics import ArmKinematics, Reached, Unreachable, timed
+from dore.sim.frames import TABLE_OVERHANG_M, Array, Corridor, corridor
+from dore.sim.kinematics import ArmKinematics, Reached, Unreachable, timed
+from dore.sim.motion.collision import CollisionChecker, Held, Standing
 from dore.sim.motion.outcome import Outcome, Refused
 from dore.world.layout import Layout
 from dore.world.plan import Plan

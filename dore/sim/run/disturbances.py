@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import whole
-from dore.sim.motion.frames import inside
+from dore.sim.frames import inside
 from dore.sim.run.feedback import positions
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.problem import cell_id

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from dore.sim.frames import Array, inside
 from dore.sim.motion.collision import Standing
-from dore.sim.motion.frames import Array, inside
 from dore.sim.motion.outcome import Outcome
 from dore.sim.motion.rehearsal import MoveTask, WorldState
 from dore.sim.scene.task import UPRIGHT_DEG, DoreTabletopEnv

@@ -13,7 +13,7 @@ import numpy as np
 
 from dore.draw.boards import Panel
 from dore.sim.config import ViewConfig
-from dore.sim.motion.frames import inside
+from dore.sim.frames import inside
 from dore.sim.run.film_frame import FilmFrame, Pixels, save_png
 from dore.sim.scene.scene_builder import OBSTACLES, TARGET, Colour
 from dore.world.problem import Scene

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from dore.sim.motion.frames import Array
+from dore.sim.frames import Array
 from dore.sim.motion.outcome import Outcome
 from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState
 from dore.sim.run.feedback import Feedback

@@ -10,13 +10,13 @@ import gymnasium as gym
 import numpy as np
 
 from dore.errors import InputError, flag, number, seed_of
+from dore.sim.camera_config import CameraConfig
 from dore.sim.config import ArmConfig, Body, ObjectConfig, ViewConfig
-from dore.sim.motion.kinematics import ArmKinematics
+from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.outcome import Outcome
 from dore.sim.run.report import ExecutionReport
 from dore.sim.scene.agent import render_backend
-from dore.sim.scene.urdf import arm_files
-from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 from dore.world.problem import Scene, cell_id
 

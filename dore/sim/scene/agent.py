@@ -23,8 +23,8 @@ from mani_skill.utils.structs.link import Link
 from torch import Tensor
 
 from dore.sim.config import ArmConfig
-from dore.sim.motion.frames import Array
-from dore.sim.scene.urdf import arm_files
+from dore.sim.frames import Array
+from dore.sim.urdf import arm_files
 
 _GRASP_FORCE_N = 0.5
 """A weaker force from either side is not a grasp."""

@@ -10,7 +10,7 @@ import numpy as np
 import sapien
 
 from dore.sim.config import Body
-from dore.sim.motion.collision import TABLE_OVERHANG_M
+from dore.sim.frames import TABLE_OVERHANG_M
 from dore.world.layout import Layout
 
 Colour = tuple[float, float, float, float]

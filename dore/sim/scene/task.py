@@ -20,13 +20,13 @@ from torch import Tensor
 
 from dore.errors import InputError
 from dore.files import conf_dir
+from dore.sim.camera_config import CameraConfig
 from dore.sim.config import ArmConfig, Body, ViewConfig, preset
-from dore.sim.motion.frames import Array
-from dore.sim.motion.kinematics import ArmKinematics, Unreachable
+from dore.sim.frames import Array
+from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.scene.agent import ArmAgent, agent_of
 from dore.sim.scene.scene_builder import build_object, build_surroundings, waiting_xy
-from dore.sim.scene.urdf import arm_files
-from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 
 UPRIGHT_DEG = 10.0

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dore.sim.motion.frames import Array
-from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.camera_config import CameraConfig
+from dore.sim.frames import Array
 from dore.sim.vision.perception import Frame, detections
 from dore.sim.vision.scene_estimate import Detection, Observation, cell_of
 from dore.world.layout import Layout

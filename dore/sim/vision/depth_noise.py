@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dore.sim.motion.frames import Array
+from dore.sim.frames import Array
 
 NEAR_M, FAR_M = 0.4, 3.0
 """The range of a Kinect's near mode; it measures nothing outside it."""

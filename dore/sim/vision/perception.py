@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from dore.sim.motion.frames import Array
-from dore.sim.vision.camera_config import CameraConfig
+from dore.sim.camera_config import CameraConfig
+from dore.sim.frames import Array
 from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Shape, Why
 from dore.world.layout import Layout
 

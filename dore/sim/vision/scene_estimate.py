@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from dore.sim.config import Body
-from dore.sim.motion.frames import inside
+from dore.sim.frames import inside
 from dore.world.layout import Layout
 from dore.world.problem import Scene, cell_id
 

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from dore.sim.config import ArmConfig
-from dore.sim.motion.frames import Array, hand_pose, straight
+from dore.sim.frames import Array, hand_pose, straight
 
 POSITION_TOLERANCE_M = 2e-4
 ROTATION_TOLERANCE_RAD = 1e-3
@@ -43,7 +43,7 @@ class ArmKinematics:
     World frame: z = 0 is the table top; the base stands `base_drop_m` below it, at the origin.
 
     Args:
-        urdf: the arm's description (`scene.urdf.arm_files`).
+        urdf: the arm's description (`dore.sim.urdf.arm_files`).
         arm: what it is, how it stands and how its hand is tilted.
     """
 

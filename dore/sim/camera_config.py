@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dore.errors import InputError, number, whole
-from dore.sim.motion.frames import Array
+from dore.sim.frames import Array
 from dore.world.layout import Layout
 
 Noise = Literal["kinect", "none"]

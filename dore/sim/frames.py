@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+TABLE_OVERHANG_M = 0.03
+"""How far the table top stands out from the grid, towards the robot; metres."""
 
 
 @dataclass(frozen=True)
