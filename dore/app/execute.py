@@ -35,6 +35,8 @@ def execute_command(cfg: DictConfig) -> int:
     if (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
     build.use_threads(cfg.threads)
+    for name in ("disturbance", "limits"):
+        make(cfg[name], name)  # Of a closed loop alone; what is wrong with them is said in any case.
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = (_closed if cfg.loop == "closed" else _open)(cfg)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(REPORT_NAME,)) as folder:

@@ -77,6 +77,7 @@ class Budget:
             whole(f"training.{name}", getattr(self, name), 0)
         for name in ("max_episodes", "batch_size", "updates", "learning_starts"):
             whole(f"training.{name}", getattr(self, name), 1)
+        whole("training.updates", self.updates, 1, at_most=10_000)
         for name in ("max_minutes", "max_grad_norm"):
             if getattr(self, name) is not None:
                 number(f"training.{name}", getattr(self, name), above=0.0)

@@ -54,8 +54,8 @@ class Exact(Planner):
         self.reach = reach
         self.limits = SearchLimits(
             nodes=whole("planners.exact.max_nodes", max_nodes, 1),
-            seconds=number("planners.exact.max_seconds", max_seconds, above=0.0),
-            megabytes=number("planners.exact.max_memory_mb", max_memory_mb, above=0.0),
+            seconds=number("planners.exact.max_seconds", max_seconds, above=0.0, at_most=1e7),
+            megabytes=number("planners.exact.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7),
         )
         self.relaxation = DeleteRelaxation(reach)
 

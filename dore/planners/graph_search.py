@@ -51,7 +51,7 @@ class GraphSearch(Planner):
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float) -> None:
         self.reach = reach
         self.max_nodes = whole("planners.graph_search.max_nodes", max_nodes, 1)
-        self.max_seconds = number("planners.graph_search.max_seconds", max_seconds, above=0.0)
+        self.max_seconds = number("planners.graph_search.max_seconds", max_seconds, above=0.0, at_most=1e7)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """The plan of one instance."""

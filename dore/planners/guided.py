@@ -95,10 +95,10 @@ class Guided(Planner):
         ).agent
         self.width = whole("planners.guided.width", width, 1, at_most=4096)
         self.max_nodes = whole("planners.guided.max_nodes", max_nodes, 1)
-        self.max_seconds = number("planners.guided.max_seconds", max_seconds, above=0.0)
+        self.max_seconds = number("planners.guided.max_seconds", max_seconds, above=0.0, at_most=1e7)
         self.max_moves = max_moves
-        self.max_megabytes = number("planners.guided.max_memory_mb", max_memory_mb, above=0.0)
-        self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12)
+        self.max_megabytes = number("planners.guided.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7)
+        self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12, at_most=1e7)
         self.relaxation = DeleteRelaxation(reach)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:

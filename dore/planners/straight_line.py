@@ -87,7 +87,9 @@ class StraightLine(Planner):
                 f"{KEY}.start_x_m: got {start_x_m:g}, want less than the front edge {reach.layout.front_m:g}"
             )
         self.corridor_m = (
-            reach.clearance_m if corridor_m is None else number(f"{KEY}.corridor_m", corridor_m, above=0.0)
+            reach.clearance_m
+            if corridor_m is None
+            else number(f"{KEY}.corridor_m", corridor_m, above=0.0, at_most=10.0)
         )
         self.avoid_corridors = flag(f"{KEY}.avoid_corridors", avoid_corridors)
         self.max_moves = whole(f"{KEY}.max_moves", max_moves, 1, at_most=MAX_MOVES)

@@ -85,7 +85,7 @@ class Transfer(Planner):
         self.budget = Budget(
             min_episodes=0,
             max_episodes=max_episodes,
-            max_minutes=number("planners.transfer.max_seconds", max_seconds, above=0.0) / 60,
+            max_minutes=number("planners.transfer.max_seconds", max_seconds, above=0.0, at_most=1e7) / 60,
             batch_size=batch_size,
             update_after="round",
             updates=4,

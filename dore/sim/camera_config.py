@@ -54,7 +54,7 @@ class CameraConfig:
                 raise InputError(f"camera.{name}: got {getattr(self, name)!r}, want one of {', '.join(known)}")
         whole("camera.width_px", self.width_px, 16, at_most=4096)
         whole("camera.height_px", self.height_px, 16, at_most=4096)
-        whole("camera.fewest_patches", self.fewest_patches, 1)
+        whole("camera.fewest_patches", self.fewest_patches, 1, at_most=10_000)
         number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
         number("camera.target_saturation", self.target_saturation, above=0.0, at_most=1.0)
         for name in ("lowest_m", "tallest_m", "widest_m", "patch_m", "front_margin_m", "margin_m"):

@@ -15,6 +15,9 @@ from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
 
+MOST_INSTANCES = 2_000_000
+"""No set is larger: it is drawn before anything starts. Table 5 has 70,000."""
+
 
 def problems_of(reach: Reach, batch: Batch) -> list[Problem]:
     """The instances of a batch one by one."""
@@ -165,7 +168,7 @@ class InstanceSplits:
         for name in ("train_size", "validation_size", "test_size"):
             size = getattr(self, name)
             if name != "train_size" or size is not None:
-                whole(f"instances.{name}", size, 1)
+                whole(f"instances.{name}", size, 1, at_most=MOST_INSTANCES)
         seed_of("instances.seed", self.seed)
 
     @property
