@@ -18,7 +18,7 @@ from dore.sim.run.disturbances import Disturbance
 from dore.sim.run.execution import Execution, Run, check_reach
 from dore.sim.run.feedback import GripperSense
 from dore.sim.run.setup import CONTROL_S, Setup
-from dore.sim.scene.agent import render_backend
+from dore.sim.scene.agent import NO_DRIVER, render_backend
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.sim.vision.camera import RgbdCamera, Sensor
 from dore.sim.vision.scene_estimate import NotUnderstood, SceneEstimate, estimate, unconfirmed
@@ -75,7 +75,7 @@ class ClosedLoop:
             InputError: nothing can render here; the camera does not see every cell; too few cells are left.
         """
         if self.needs_renderer and render_backend() == "none":
-            raise InputError("loop: closed needs a camera, but there is no Vulkan driver: scripts/install_lavapipe.sh")
+            raise InputError(f"loop: closed needs a camera: {NO_DRIVER}")
         scene = self.problem.scene
         setup.camera.check_sees(scene.layout)
         room, spare = scene.layout.n_cells - 1 - len(scene.obstacles), self.disturbance.spare_objects

@@ -15,13 +15,13 @@ from dore.sim.config import ArmConfig, Body, ObjectConfig, ViewConfig
 from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.outcome import Outcome
 from dore.sim.run.report import ExecutionReport
-from dore.sim.scene.agent import render_backend
+from dore.sim.scene.agent import NO_DRIVER, render_backend
 from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 from dore.world.problem import Scene, cell_id
 
 REPORT_NAME, VIDEO_NAME = "execution.json", "execution.mp4"
-NO_PICTURES = "no Vulkan driver here: state only; for pictures run scripts/install_lavapipe.sh (Debian 12, as root)"
+NO_PICTURES = f"state only, no pictures: {NO_DRIVER}"
 CONTROL_S = 0.05
 """Simulated seconds of a control step."""
 

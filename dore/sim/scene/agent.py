@@ -29,6 +29,8 @@ from dore.sim.urdf import arm_files
 _GRASP_FORCE_N = 0.5
 """A weaker force from either side is not a grasp."""
 _FINGER_FRICTION = 2.0
+NO_DRIVER = "no Vulkan driver here; scripts/install_lavapipe.sh installs one (Debian 12, as root)"
+"""What every message says where nothing can render."""
 _DRIVE = ("stiffness", "damping", "force_limit")
 
 

@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from dore.errors import InputError
+from dore.sim.scene.agent import NO_DRIVER
 from dore.sim.scene.task import CAMERA, DoreTabletopEnv
 from dore.sim.vision.coverage import observation
 from dore.sim.vision.depth_noise import kinect_depth
@@ -77,9 +78,7 @@ def rendered(env: Any) -> Frame:
     """
     task: DoreTabletopEnv = env.unwrapped
     if not task.scene.can_render():
-        raise InputError(
-            "camera: nothing renders here; for a driver run scripts/install_lavapipe.sh (Debian 12, as root)"
-        )
+        raise InputError(f"camera: nothing renders here: {NO_DRIVER}")
     config = task.camera
     config.check_sees(task.layout)
     sensor = task.scene.sensors[CAMERA]
