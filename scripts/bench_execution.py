@@ -27,7 +27,7 @@ from dore.app.execute import open_loop_of, setup_of
 from dore.report.measurements import write_measurements
 from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.collision import CollisionChecker
-from dore.sim.run.execution import execute
+from dore.sim.run.execution import run_loop
 from dore.sim.run.setup import CONTROL_S
 from dore.world.problem import Problem, Scene
 from scripts.executions import solvable_scenes
@@ -81,12 +81,12 @@ def _carry_out(scenes: list[Scene]) -> Rows:
     loops = [open_loop_of(cfg, Problem(scene, reach)) for scene in scenes]
     rows = []
     with TemporaryDirectory() as folder:
-        execute(loops[0], setup, Path(folder))
+        run_loop(loops[0], setup, Path(folder))
         globals()["_start"].wait()
         for number, loop in enumerate(loops, 1):
             parts.update(dict.fromkeys(PARTS, 0.0))
             began = time.perf_counter()
-            report = execute(loop, setup, Path(folder))
+            report = run_loop(loop, setup, Path(folder))
             seconds, steps = time.perf_counter() - began, round(report.simulated_s / CONTROL_S)
             rows.append({"plan": number, "seconds": seconds, "steps": steps, **parts})
     return rows

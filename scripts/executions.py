@@ -24,7 +24,7 @@ from dore.configure import make
 from dore.errors import InputError, one_of
 from dore.files import ABOUT_FILE, atomic_write, commit, read_record
 from dore.report.frame import ARGUMENTS
-from dore.sim.run.execution import execute
+from dore.sim.run.execution import run_loop
 from dore.sim.run.setup import REPORT_NAME
 from dore.sim.scene.agent import render_backend
 from dore.sim.vision.camera import RgbdCamera
@@ -155,7 +155,7 @@ def _carry_out(job: Job) -> None:
     problem = Problem(job.scene, build.reach_of(cfg, "cpu", job.scene.layout))
     shutil.rmtree(job.folder, ignore_errors=True)
     loop = (closed_loop_of if cfg.loop == "closed" else open_loop_of)(cfg, problem)
-    execute(loop, setup_of(cfg, film=False), job.folder)
+    run_loop(loop, setup_of(cfg, film=False), job.folder)
 
 
 if __name__ == "__main__":

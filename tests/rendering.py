@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from dore.sim.scene.agent import render_backend
+from dore.sim.scene.agent import NO_DRIVER, render_backend
 
-needs_vulkan = pytest.mark.skipif(
-    render_backend() == "none", reason="no Vulkan driver here; scripts/install_lavapipe.sh installs one"
-)
+needs_vulkan = pytest.mark.skipif(render_backend() == "none", reason=NO_DRIVER)

@@ -12,7 +12,7 @@ from dore.configure import make
 from dore.errors import ExitCode, InputError, path_of, seed_of, whole
 from dore.planners.base import Planner
 from dore.sim.run.closed_loop import ClosedLoop
-from dore.sim.run.execution import Loop, execute
+from dore.sim.run.execution import Loop, run_loop
 from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.report import ExecutionReport
 from dore.sim.run.setup import REPORT_NAME, Setup
@@ -40,7 +40,7 @@ def execute_command(cfg: DictConfig) -> int:
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = (_closed if cfg.loop == "closed" else _open)(cfg)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(REPORT_NAME,)) as folder:
-        report = execute(loop, setup, folder)
+        report = run_loop(loop, setup, folder)
     _print_report(report, folder)
     if report.refused:
         return ExitCode.REFUSED

@@ -66,12 +66,6 @@ def hand_pose(xyz: Array, heading_rad: float, tilt_rad: float) -> Array:
     return pose
 
 
-def straight(start: Array, end: Array, spacing_m: float) -> Array:
-    """Float64[N, 3]: evenly spaced points from `start` (excluded) to `end` (included), at most `spacing_m` apart."""
-    steps = max(1, math.ceil(float(np.linalg.norm(end - start)) / spacing_m))
-    return start + np.linspace(0.0, 1.0, steps + 1)[1:, None] * (end - start)
-
-
 def inside(centres: Array, cell_m: float, xy: Array) -> NDArray[np.bool_]:
     """Bool[G]: which cells (squares of `cell_m` about `centres` Float64[G, 2]) hold the point `xy` Float64[2]."""
     return np.asarray((np.abs(centres - xy) <= cell_m / 2).all(axis=-1))

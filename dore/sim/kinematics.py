@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from dore.sim.config import ArmConfig
-from dore.sim.frames import Array, hand_pose, straight
+from dore.sim.frames import Array, hand_pose
 
 POSITION_TOLERANCE_M = 2e-4
 ROTATION_TOLERANCE_RAD = 1e-3
@@ -133,11 +133,11 @@ class ArmKinematics:
         Raises:
             Unreachable: a point of the line cannot be reached, or only by jumping to another branch.
         """
-        points = straight(start.xyz, xyz, WAYPOINT_M)
-        turns = int(np.ceil(abs(heading_rad - start.heading_rad) / WAYPOINT_RAD))
-        if turns > len(points):
-            points = start.xyz + np.linspace(0.0, 1.0, turns + 1)[1:, None] * (xyz - start.xyz)
-        headings = np.linspace(start.heading_rad, heading_rad, len(points) + 1)[1:]
+        steps = np.linalg.norm(xyz - start.xyz) / WAYPOINT_M, abs(heading_rad - start.heading_rad) / WAYPOINT_RAD
+        points, headings = (
+            np.linspace(begin, end, max(1, math.ceil(max(steps))) + 1)[1:]
+            for begin, end in ((start.xyz, xyz), (start.heading_rad, heading_rad))
+        )
         path, joints = [], start.joints
         for point, heading in zip(points, headings, strict=True):
             reached = self.solve(point, float(heading), joints)

@@ -13,7 +13,7 @@ import pytest
 from dore.app.build import reach_of
 from dore.planners.exact import Exact
 from dore.sim.run.closed_loop import ClosedLoop, Limits
-from dore.sim.run.execution import execute
+from dore.sim.run.execution import run_loop
 from dore.sim.run.feedback import leaning_deg, positions
 from dore.sim.run.operator import Operator
 from dore.sim.run.report import ExecutionReport
@@ -68,7 +68,7 @@ def carry_out(
             each_step(self._env)
 
         monkeypatch.setattr(Operator, "_command", watched)
-    return execute(loop, SETUP, folder)
+    return run_loop(loop, SETUP, folder)
 
 
 def kinds(report: ExecutionReport) -> list[str]:

@@ -15,7 +15,7 @@ from dore.files import conf_dir
 from dore.sim.config import ArmConfig, ObjectConfig, preset
 from dore.sim.kinematics import LARGEST_STEP_RAD, ArmKinematics
 from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences, follow_corridor
-from dore.sim.run.execution import execute
+from dore.sim.run.execution import run_loop
 from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.setup import Setup
 from dore.sim.scene.jaco import jaco
@@ -110,7 +110,7 @@ def test_a_short_plan_is_carried_out(name, places, tmp_path):
     reach, plan = arm_reach(place.arm, place.objects, scene.layout), Plan(Status.SOLVED, moves, 0.0, "test", 0.0)
     replay(Problem(scene, reach), plan)
     setup = Setup(place.arm, place.objects, preset("view/corner"), preset("camera/kinect"), seed=0, film=False)
-    report = execute(OpenLoop(PlanFile(Problem(scene, reach), plan)), setup, tmp_path)
+    report = run_loop(OpenLoop(PlanFile(Problem(scene, reach), plan)), setup, tmp_path)
     assert report.success, report.message
     for move in report.moves:
         assert move.others_moved_mm < 1.0

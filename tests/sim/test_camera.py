@@ -151,7 +151,7 @@ def test_the_environment_s_camera_is_the_one_that_sees(env):
 def test_without_a_renderer_the_camera_says_so():
     blind = make("none", 2, obs_mode="none")
     place(blind, [3, 4])
-    with pytest.raises(InputError, match="nothing renders here"):
+    with pytest.raises(InputError, match="camera: no Vulkan driver here"):
         RgbdCamera(blind, seed=0).frame()
     blind.close()
 

@@ -13,7 +13,7 @@ from dore.sim.motion.outcome import Outcome
 from dore.sim.run import closed_loop
 from dore.sim.run.closed_loop import Limits
 from dore.sim.run.disturbances import IntruderObject, Nothing, ObjectMoved, SlippingGrasp
-from dore.sim.run.execution import execute
+from dore.sim.run.execution import run_loop
 from dore.sim.run.feedback import positions
 from dore.sim.vision.camera import RgbdCamera
 from dore.world.problem import Scene
@@ -109,15 +109,15 @@ def test_limits_and_disturbances_check_their_domain():
 
 def test_without_a_camera_there_is_no_closed_loop(monkeypatch, tmp_path):
     monkeypatch.setattr(closed_loop, "render_backend", lambda: "none")
-    with pytest.raises(InputError, match="closed needs a camera"):
-        execute(loop_with(Nothing(), sensor=RgbdCamera), SETUP, tmp_path / "none")
+    with pytest.raises(InputError, match="closed needs a camera: no Vulkan driver here"):
+        run_loop(loop_with(Nothing(), sensor=RgbdCamera), SETUP, tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 
 def test_what_the_camera_cannot_see_is_bad_input_before_anything_is_made(tmp_path):
     low = replace(SETUP, camera=replace(SETUP.camera, position_m=(0.4, 0.0, 0.3)))
     with pytest.raises(InputError, match=r"camera\.position_m"):
-        execute(loop_with(Nothing()), low, tmp_path / "none")
+        run_loop(loop_with(Nothing()), low, tmp_path / "none")
     with pytest.raises(InputError, match="disturbance: puts in 1 more, and the scene has 0 cells left"):
-        execute(loop_with(IntruderObject(1), FULL), SETUP, tmp_path / "none")
+        run_loop(loop_with(IntruderObject(1), FULL), SETUP, tmp_path / "none")
     assert not (tmp_path / "none").exists()

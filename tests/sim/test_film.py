@@ -17,7 +17,7 @@ from dore.sim.config import preset
 from dore.sim.run.film import READING_S, Film
 from dore.sim.run.film_frame import FilmFrame
 from dore.sim.scene.agent import render_backend
-from dore.sim.scene.scene_builder import OBSTACLES, TARGET
+from dore.sim.scene.scene_builder import OBSTACLE_PAINTS, TARGET_PAINT
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.layout import Layout
 from dore.world.plan import Move
@@ -186,7 +186,7 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
 
 def test_the_board_has_the_objects_colours(tmp_path):
     video = Film(FakeEnv(), tmp_path / "execution.mp4", STEP_S, on=True)
-    assert video._colours(SCENE) == {14: TARGET, 2: OBSTACLES[1], 8: OBSTACLES[2]}
+    assert video._colours(SCENE) == {14: TARGET_PAINT, 2: OBSTACLE_PAINTS[1], 8: OBSTACLE_PAINTS[2]}
 
 
 @pytest.mark.sim

@@ -10,7 +10,7 @@ import pytest
 
 from dore.errors import InputError
 from dore.sim.config import Body, preset
-from dore.sim.frames import corridor, hand_pose, inside, straight
+from dore.sim.frames import corridor, hand_pose, inside
 from dore.sim.kinematics import timed
 
 
@@ -43,12 +43,6 @@ def test_hand_points_along_its_heading_and_below_the_horizontal():
     assert math.degrees(math.atan2(forward[1], forward[0])) == pytest.approx(30)
     assert math.degrees(math.asin(-forward[2])) == pytest.approx(50)
     assert pose[2, 1] == pytest.approx(0.0)  # the jaws close in the plane of the table
-
-
-def test_straight_ends_where_it_should_and_never_steps_too_far():
-    points = straight(np.zeros(3), np.array([0.1, 0.0, 0.02]), 0.01)
-    assert np.allclose(points[-1], [0.1, 0.0, 0.02])
-    assert np.linalg.norm(np.diff(points, axis=0, prepend=np.zeros((1, 3))), axis=1).max() <= 0.01 + 1e-12
 
 
 def test_inside_names_the_cell_that_holds_a_point():

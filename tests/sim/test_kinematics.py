@@ -9,7 +9,15 @@ import pytest
 
 from dore.sim.config import Body, preset
 from dore.sim.frames import TABLE_OVERHANG_M, corridor, hand_pose
-from dore.sim.kinematics import LARGEST_STEP_RAD, ArmKinematics, Reached, Unreachable
+from dore.sim.kinematics import (
+    LARGEST_STEP_RAD,
+    POSITION_TOLERANCE_M,
+    WAYPOINT_M,
+    WAYPOINT_RAD,
+    ArmKinematics,
+    Reached,
+    Unreachable,
+)
 from dore.sim.motion.collision import CollisionChecker, Held, Standing
 from dore.sim.scene.panda import slim_urdf
 from dore.sim.urdf import arm_files
@@ -47,6 +55,20 @@ def test_corridors_are_straight_in_space(kinematics):
     along = (at[-1] - staged.xyz) / np.linalg.norm(at[-1] - staged.xyz)
     off = (at - staged.xyz) - np.outer((at - staged.xyz) @ along, along)
     assert np.linalg.norm(off, axis=1).max() < 5e-4
+
+
+def test_lines_end_where_they_should_and_never_step_too_far(kinematics):
+    ready = kinematics.ready(STAGING_X)
+    for xyz, heading in (([0.7, 0.1, 0.1], 0.0), ([STAGING_X + 0.02, 0.0, ARM.grasp_height_m], 0.5)):
+        path, end = kinematics.line(ready, np.array(xyz), heading)
+        poses = [kinematics.reached(joints) for joints in (ready.joints, *path)]
+        assert np.allclose(poses[-1].xyz, xyz, atol=POSITION_TOLERANCE_M)
+        assert poses[-1].heading_rad == pytest.approx(heading, abs=2e-3)
+        assert (end.xyz == xyz).all()
+        steps = np.diff([pose.xyz for pose in poses], axis=0)
+        assert np.linalg.norm(steps, axis=1).max() <= WAYPOINT_M + 2 * POSITION_TOLERANCE_M
+        turns = np.abs(np.diff([pose.heading_rad for pose in poses]))
+        assert turns.max() <= WAYPOINT_RAD + 4e-3
 
 
 def test_forward_kinematics_undoes_inverse_kinematics(kinematics):

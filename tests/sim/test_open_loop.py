@@ -34,7 +34,7 @@ pytestmark = pytest.mark.sim
 
 
 def execute(plan_file: PlanFile, setup: Setup, folder: Path) -> ExecutionReport:
-    return execution.execute(OpenLoop(plan_file), setup, folder)
+    return execution.run_loop(OpenLoop(plan_file), setup, folder)
 
 
 FIG7_PLAN = plan_of(Move(15, 17, 0.0, 0.0), Move(2, 11, 0.0, 0.0), Move(8, 16, 0.0, 0.0))

@@ -17,6 +17,7 @@ from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState, tasks_of
 from dore.sim.run.disturbances import Disturbance
 from dore.sim.run.execution import Execution, Run, check_reach
 from dore.sim.run.feedback import GripperSense
+from dore.sim.run.operator import HOLD_UP_STEPS
 from dore.sim.run.setup import CONTROL_S, Setup
 from dore.sim.scene.agent import NO_DRIVER, render_backend
 from dore.sim.scene.task import DoreTabletopEnv
@@ -25,7 +26,7 @@ from dore.sim.vision.scene_estimate import NotUnderstood, SceneEstimate, estimat
 from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Problem, Scene, cell_id
 
-_SETTLE_STEPS, _LAST_LOOK_STEPS = 5, 20
+_AFTER_DISTURBANCE_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class _ClosedRun:
     def _disturb(self) -> None:
         done = self._loop.disturbance.between_moves(self._execution.world, self._moves, self._rng)
         if done:
-            self._execution.operator.hold(_SETTLE_STEPS)
+            self._execution.operator.hold(_AFTER_DISTURBANCE_STEPS)
             self._execution.note("disturbance", done)
 
     def _look(self) -> SceneEstimate:
@@ -218,7 +219,7 @@ class _ClosedRun:
             Refused: UNCONFIRMED.
         """
         execution = self._execution
-        execution.operator.hold(_LAST_LOOK_STEPS)
+        execution.operator.hold(HOLD_UP_STEPS)
         try:
             why = unconfirmed(self._sensor.look(), before)
         except NotUnderstood as error:

@@ -13,10 +13,9 @@ from torch import Tensor
 from dore.errors import whole
 from dore.sim.frames import inside
 from dore.sim.run.feedback import positions
+from dore.sim.scene.agent import OPEN_HAND
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.problem import cell_id
-
-_OPEN = 1.0
 
 
 class Disturbance(Protocol):
@@ -29,7 +28,7 @@ class Disturbance(Protocol):
         """Called once before each move, with the arm parked, `moves` moves after the start; returns what was done."""
 
     def grip(self, world: DoreTabletopEnv, command: float) -> float:
-        """The gripper command that is carried out in place of the given one: 1 opens, -1 closes."""
+        """The gripper command that is carried out in place of the given one, OPEN_HAND or CLOSE_HAND."""
 
 
 class Nothing:
@@ -46,8 +45,8 @@ class Nothing:
         return command
 
 
-class ObjectMoved(Nothing):
-    """An obstacle is put on another, empty cell between two moves.
+class _Once(Nothing):
+    """Something that is done once, between two moves.
 
     Args:
         after_moves: after how many moves of the arm.
@@ -60,34 +59,31 @@ class ObjectMoved(Nothing):
         self.after_moves = whole("disturbance.after_moves", after_moves, 0)
 
     def between_moves(self, world: DoreTabletopEnv, moves: int, rng: np.random.Generator) -> str | None:
-        """Once."""
+        """After so many moves."""
+        return self._disturb(world, rng) if moves == self.after_moves else None
+
+    def _disturb(self, world: DoreTabletopEnv, rng: np.random.Generator) -> str | None:
+        raise NotImplementedError
+
+
+class ObjectMoved(_Once):
+    """An obstacle is put on another, empty cell."""
+
+    def _disturb(self, world: DoreTabletopEnv, rng: np.random.Generator) -> str | None:
         obstacles = {body: cell for body, cell in _cells(world).items() if body != 0}
-        if moves != self.after_moves or not obstacles:
+        if not obstacles:
             return None
         body = int(rng.choice(list(obstacles)))
         to = _put(world, body, rng)
         return f"the object on cell {cell_id(obstacles[body])} is moved to cell {cell_id(to)}"
 
 
-class IntruderObject(Nothing):
-    """A further obstacle is put on an empty cell between two moves.
-
-    Args:
-        after_moves: after how many moves of the arm.
-
-    Raises:
-        InputError: below 0.
-    """
+class IntruderObject(_Once):
+    """A further obstacle is put on an empty cell."""
 
     spare_objects = 1
 
-    def __init__(self, after_moves: int) -> None:
-        self.after_moves = whole("disturbance.after_moves", after_moves, 0)
-
-    def between_moves(self, world: DoreTabletopEnv, moves: int, rng: np.random.Generator) -> str | None:
-        """Once."""
-        if moves != self.after_moves:
-            return None
+    def _disturb(self, world: DoreTabletopEnv, rng: np.random.Generator) -> str:
         return f"another object is put on cell {cell_id(_put(world, len(world.bodies) - 1, rng))}"
 
 
@@ -108,14 +104,14 @@ class SlippingGrasp(Nothing):
     def grip(self, world: DoreTabletopEnv, command: float) -> float:
         """Open from the moment the object leaves the table until the hand has left the grid."""
         heights = np.array([body.height_m for body in world.bodies]) / 2
-        lifted = command != _OPEN and bool((positions(world)[:, 2] - heights > world.arm.lift_m / 3).any())
+        lifted = command != OPEN_HAND and bool((positions(world)[:, 2] - heights > world.arm.lift_m / 3).any())
         if lifted and not self._lifted:
             self.grasps_left -= 1
             self._slipping = self.grasps_left == 0
-        self._lifted = lifted or (self._lifted and command != _OPEN)
+        self._lifted = lifted or (self._lifted and command != OPEN_HAND)
         outside = float(world.agent.tcp_pos[0, 0]) < world.layout.front_m - world.arm.staging_m / 2
         self._slipping &= not outside
-        return _OPEN if self._slipping else command
+        return OPEN_HAND if self._slipping else command
 
 
 class Disturbed(gym.ActionWrapper[Any, Any, Any]):

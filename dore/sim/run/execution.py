@@ -126,7 +126,7 @@ class Loop(Protocol):
         """
 
 
-def execute(loop: Loop, setup: Setup, out_dir: Path) -> ExecutionReport:
+def run_loop(loop: Loop, setup: Setup, out_dir: Path) -> ExecutionReport:
     """Carry out a loop in `DoreTabletop-v1`, and write `execution.json` (and `execution.mp4`) to `out_dir`.
 
     What the arm cannot do is refused before anything moves. The report is rewritten as things happen; its `conditions`

@@ -15,7 +15,7 @@ from dore.draw.boards import Panel
 from dore.sim.config import ViewConfig
 from dore.sim.frames import inside
 from dore.sim.run.film_frame import FilmFrame, Pixels, save_png
-from dore.sim.scene.scene_builder import OBSTACLES, TARGET, Colour
+from dore.sim.scene.scene_builder import OBSTACLE_PAINTS, TARGET_PAINT, Colour
 from dore.world.problem import Scene
 
 READING_S = 0.8
@@ -121,6 +121,6 @@ class Film:
         centres, cell_m = scene.layout.centres.numpy(), scene.layout.cell_m
         colours = {}
         for body, xyz in enumerate(self._env.unwrapped.positions()[0].cpu().numpy()):
-            colour = TARGET if body == 0 else OBSTACLES[body % len(OBSTACLES)]
+            colour = TARGET_PAINT if body == 0 else OBSTACLE_PAINTS[body % len(OBSTACLE_PAINTS)]
             colours.update(dict.fromkeys(np.flatnonzero(inside(centres, cell_m, xyz[:2])).tolist(), colour))
         return colours

@@ -12,12 +12,11 @@ from dore.sim.motion.rehearsal import Rehearsal, WorldState, tasks_of
 from dore.sim.run.disturbances import Disturbance, Nothing
 from dore.sim.run.execution import Execution, Run, check_reach
 from dore.sim.run.feedback import PrivilegedState
+from dore.sim.run.operator import HOLD_UP_STEPS
 from dore.sim.run.setup import CONTROL_S, Setup
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.plan import PlanFile, Status
 from dore.world.problem import Problem
-
-_LAST_LOOK_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -78,5 +77,5 @@ class OpenLoop:
             if outcome is not Outcome.DONE:
                 report.outcome, report.message = outcome, f"{task.name}: {outcome}"
                 return
-        execution.operator.hold(_LAST_LOOK_STEPS)
+        execution.operator.hold(HOLD_UP_STEPS)
         report.outcome = Outcome.DONE

@@ -12,9 +12,11 @@ from dore.sim.frames import Array
 from dore.sim.motion.outcome import Outcome
 from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState
 from dore.sim.run.feedback import Feedback
+from dore.sim.scene.agent import CLOSE_HAND, OPEN_HAND
 from dore.sim.scene.task import DoreTabletopEnv
 
-_OPEN, _CLOSED = 1.0, -1.0
+HOLD_UP_STEPS = 20
+"""So long the target is held up at the end, control steps."""
 _SETTLE_STEPS = 4
 _GRIP_STEPS = 10
 _RELEASE_STEPS = 8
@@ -32,7 +34,7 @@ class Operator:
     def __init__(self, env: Any, feedback: Feedback, after_step: Callable[[], None]) -> None:
         self._env, self._feedback, self._after_step = env, feedback, after_step
         self._task: DoreTabletopEnv = env.unwrapped
-        self._gripper = _OPEN
+        self._gripper = OPEN_HAND
         self.joints: Array = self._task.agent.arm_joints()[0].double().cpu().numpy()
         self._way_out: list[Array] = []
         """Commands that take the hand out of the grid after a fault in it."""
@@ -75,7 +77,7 @@ class Operator:
         motions, after = rehearsal.pick_up(state, task)
         for motion in ("reach", "approach"):
             self._follow(motions[motion])
-        self._gripper = _CLOSED
+        self._gripper = CLOSE_HAND
         self.hold(_GRIP_STEPS)
         self._way_out = [motions["withdraw"]]
         self._follow(motions["lift"])
@@ -121,7 +123,7 @@ class Operator:
         self._follow(rehearsal.park(state, self.joints))
 
     def _let_go(self) -> None:
-        self._gripper = _OPEN
+        self._gripper = OPEN_HAND
         self.hold(_RELEASE_STEPS)
 
     def _follow(self, commands: Array) -> None:

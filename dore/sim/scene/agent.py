@@ -29,6 +29,8 @@ from dore.sim.urdf import arm_files
 _GRASP_FORCE_N = 0.5
 """A weaker force from either side is not a grasp."""
 _FINGER_FRICTION = 2.0
+OPEN_HAND, CLOSE_HAND = 1.0, -1.0
+"""The gripper's commands."""
 NO_DRIVER = "no Vulkan driver here; scripts/install_lavapipe.sh installs one (Debian 12, as root)"
 """What every message says where nothing can render."""
 _DRIVE = ("stiffness", "damping", "force_limit")
@@ -53,7 +55,7 @@ class _GripConfig(PDJointPosMimicControllerConfig):
 class ArmAgent(BaseAgent):
     """An arm with its fingers, B copies of it. Subclasses, made by `agent_of`, say which arm.
 
-    The gripper's command is one number: 1 opens, -1 closes.
+    The gripper's command is one number, OPEN_HAND or CLOSE_HAND.
     """
 
     arm: ClassVar[ArmConfig]

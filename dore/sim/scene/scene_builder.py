@@ -14,8 +14,8 @@ from dore.sim.frames import TABLE_OVERHANG_M
 from dore.world.layout import Layout
 
 Colour = tuple[float, float, float, float]
-TARGET: Colour = (0.10, 0.58, 0.22, 1)
-OBSTACLES: tuple[Colour, ...] = ((0.80, 0.30, 0.20, 1), (0.92, 0.60, 0.16, 1), (0.20, 0.38, 0.66, 1))
+TARGET_PAINT: Colour = (0.10, 0.58, 0.22, 1)
+OBSTACLE_PAINTS: tuple[Colour, ...] = ((0.80, 0.30, 0.20, 1), (0.92, 0.60, 0.16, 1), (0.20, 0.38, 0.66, 1))
 _TABLE: Colour = (0.80, 0.76, 0.68, 1)
 _LEG: Colour = (0.45, 0.42, 0.38, 1)
 _PEDESTAL: Colour = (0.30, 0.32, 0.35, 1)
@@ -65,7 +65,7 @@ def waiting_xy(index: int) -> tuple[float, float]:
 def build_object(scene: Any, body: Body, index: int, density_kg_m3: float) -> Any:
     """One object as a ManiSkill Actor; index 0 is the target. It waits beside the table until it is placed."""
     builder = scene.create_actor_builder()
-    material = _material(scene, TARGET if index == 0 else OBSTACLES[index % len(OBSTACLES)])
+    material = _material(scene, TARGET_PAINT if index == 0 else OBSTACLE_PAINTS[index % len(OBSTACLE_PAINTS)])
     half_height = body.height_m / 2
     if body.shape == "cylinder":
         along_z = sapien.Pose(q=[math.sqrt(0.5), 0, math.sqrt(0.5), 0])  # SAPIEN's cylinders lie along x

@@ -78,7 +78,7 @@ def rendered(env: Any) -> Frame:
     """
     task: DoreTabletopEnv = env.unwrapped
     if not task.scene.can_render():
-        raise InputError(f"camera: nothing renders here: {NO_DRIVER}")
+        raise InputError(f"camera: {NO_DRIVER}")
     config = task.camera
     config.check_sees(task.layout)
     sensor = task.scene.sensors[CAMERA]

@@ -44,7 +44,7 @@ def unmeasured(frame: Frame, layout: Layout, config: CameraConfig, found: Sequen
     free = [cell for cell in range(layout.n_cells) if cell not in taken]
     if not free:
         return frozenset()
-    places, cells = _places(layout, np.array(free), config)
+    places, cells = _middles(layout, np.array(free), config)
     apart = np.ones(len(places), dtype=bool)
     for one in found:
         apart &= np.linalg.norm(places - one.xy, axis=1) >= one.half_width_m + half_width
@@ -55,7 +55,7 @@ def unmeasured(frame: Frame, layout: Layout, config: CameraConfig, found: Sequen
     return frozenset(cells[hidden].tolist())
 
 
-def _places(layout: Layout, free: NDArray[np.int64], config: CameraConfig) -> tuple[Array, NDArray[np.int64]]:
+def _middles(layout: Layout, free: NDArray[np.int64], config: CameraConfig) -> tuple[Array, NDArray[np.int64]]:
     """Float64[N, 2]: where the middle of an object may be in these cells, metres; Int64[N]: in which."""
     reach = max(0.0, layout.cell_m / 2 - config.edge_m)
     steps = np.linspace(-reach, reach, 2 * math.ceil(reach / _STEP_M) + 1)

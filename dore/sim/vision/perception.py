@@ -207,11 +207,11 @@ def _doubt(points: _Points, height: float, face: Array, weight: Array) -> str:
     spread = np.linalg.eigvalsh(np.cov(face.T, aweights=weight))
     if spread[1] > _LONGER**2 * spread[0]:
         return f"its top is {math.sqrt(spread[1] / spread[0]):.1f} times as long as wide, so it is two, or half hidden"
-    leaning = _leaning_deg(points[points.height > height - _TOP_BAND_M], face)
+    leaning = _slope_deg(points[points.height > height - _TOP_BAND_M], face)
     return f"it leans by {leaning:.0f} degrees" if leaning > _LEANING_DEG else ""
 
 
-def _leaning_deg(top: _Points, face: Array) -> float:
+def _slope_deg(top: _Points, face: Array) -> float:
     """The slope of a top face, degrees: of a plane through the points over the middle half of it."""
     middle = face.mean(0)
     near = np.linalg.norm(top.xy - middle, axis=1) < np.median(np.linalg.norm(face - middle, axis=1))
