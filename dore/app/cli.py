@@ -133,8 +133,11 @@ def _config_message(command: str, text: str) -> str:
     parent, _, last = key.rpartition(".")
     # Only choices of groups, which shape the config; another key may be wrong as well.
     groups = [one for one in sys.argv[1:] if (conf_dir() / one.partition("=")[0]).is_dir() and "," not in one]
-    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-        composed = hydra.compose(command, groups)
+    try:
+        with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+            composed = hydra.compose(command, groups)
+    except (HydraException, OmegaConfBaseException):  # The key is itself a group, of another command.
+        return f"{key}: dore-{command} has no such key"
     node = OmegaConf.select(composed, parent) if parent else composed
     if not isinstance(node, DictConfig):
         parent, last, node = "", parent, composed

@@ -45,6 +45,10 @@ class InstanceSet:
     """
 
     def __init__(self, reach: Reach, board: Tensor, target: Tensor) -> None:
+        if not isinstance(board, Tensor) or not isinstance(target, Tensor):
+            raise InputError(
+                f"instances: got {type(board).__name__} and {type(target).__name__}, want tensors of torch"
+            )
         fits = target.ndim == 1 and board.shape == (len(target), reach.n_words)
         if not fits or board.dtype != torch.int64 or target.dtype != torch.int64:
             raise InputError(

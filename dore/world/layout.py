@@ -42,6 +42,8 @@ class Layout:
     def __post_init__(self) -> None:
         object.__setattr__(self, "cell_m", _edge(self.cell_m))
         object.__setattr__(self, "cells", _centres(self.cells))
+        if self.grid_shape is not None:
+            object.__setattr__(self, "grid_shape", _shape(self.grid_shape, self.cells, self.cell_m))
         gap, one, other = _nearest_two(self.centres)
         if gap < OBJECT_M - 1e-9:
             raise InputError(
@@ -170,6 +172,28 @@ def _centres(cells: object) -> tuple[tuple[float, float], ...]:
             raise InputError(f"layout: centre of cell {cell} is ({place[0]:g}, {place[1]:g}), {wanted}")
         centres.append(place)
     return tuple(centres)
+
+
+def _shape(shape: Any, cells: tuple[tuple[float, float], ...], cell_m: float) -> tuple[int, int]:
+    """(rows, cols), if the cells stand as `Layout.grid` puts them: files hold nothing else of a rectangle.
+
+    Raises:
+        InputError: no pair of counts, or the cells stand elsewhere.
+    """
+    try:
+        given_rows, given_cols = shape
+    except (TypeError, ValueError):
+        raise InputError(f"layout.grid_shape: got {shown(shape)}, want (rows, cols) or None") from None
+    rows = whole("layout.grid_shape", given_rows, 1, at_most=MAX_CELLS)
+    cols = whole("layout.grid_shape", given_cols, 1, at_most=MAX_CELLS)
+    x, y = cells[0]
+    places = ((x + cell_m * row, y - cell_m * col) for row in range(rows) for col in range(cols))
+    apart = [math.dist(cell, place) for cell, place in zip(cells, places, strict=False)]
+    if rows * cols != len(cells) or max(apart) > 1e-6 or abs(y - cell_m * (cols - 1) / 2) > 1e-6:
+        raise InputError(
+            f"layout.grid_shape: got ({rows}, {cols}), and the cells do not form that rectangle; want None"
+        )
+    return rows, cols
 
 
 def _nearest_two(centres: Tensor) -> tuple[float, int, int]:

@@ -28,7 +28,7 @@ class Scene:
     target: int
 
     def __post_init__(self) -> None:
-        if not isinstance(self.obstacles, Iterable):
+        if not isinstance(self.obstacles, Iterable) or getattr(self.obstacles, "ndim", 1) != 1:
             raise InputError(f"scene.obstacles: got {shown(self.obstacles)}, want a list of cells")
         cells = tuple(_cell("obstacles", cell, self.layout) for cell in self.obstacles)
         object.__setattr__(self, "obstacles", cells)

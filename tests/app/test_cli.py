@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from dore.world.files import read_plan
-from tests.commands import TINY, run
+from tests.commands import TINY, complaints, run
 
 
 @pytest.fixture(scope="module")
@@ -242,3 +242,8 @@ def test_help_needs_no_torch():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert "agent: sequential, single" in done.stdout
+
+
+def test_a_group_of_another_command_is_refused_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("train", ["planner=exact"]) == 2
+    assert complaints(capsys) == ["dore-train: planner: dore-train has no such key"]

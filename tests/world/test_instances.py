@@ -9,6 +9,7 @@ from dore.errors import InputError
 from dore.world.board import count, pack, unpack
 from dore.world.generator import SPLITS, Difficulty, FreshInstances, split_share
 from dore.world.instances import FixedInstances, InstanceSet
+from dore.world.layout import Layout
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
@@ -154,3 +155,9 @@ def test_what_cannot_be_generated_is_one_line() -> None:
         InstanceSet.generate(wide_hand(2, 3), 10**5, Difficulty(1, 2), "test", seed=0)
     with pytest.raises(InputError, match="no board of the train split blocks its target"):
         FreshInstances(wide_hand(1, 2), Difficulty(1, 1), "train", seed=0).draw(1)
+
+
+def test_lists_are_no_tensors() -> None:
+    reach = Reach(Layout.grid(3, 3, 0.09), 0.09, 60, 21)
+    with pytest.raises(InputError, match=r"instances: got list and list"):
+        InstanceSet(reach, [[3]], [4])  # type: ignore[arg-type]

@@ -65,3 +65,8 @@ def test_a_problem_as_a_batch() -> None:
     assert board.shape == (1, 2)
     assert unpack(board, 100)[0].nonzero().squeeze(-1).tolist() == [0, 63, 64, 99]
     assert torch.equal(target, torch.tensor([50]))
+
+
+def test_an_array_without_dimensions_is_no_list_of_cells() -> None:
+    with pytest.raises(InputError, match=r"scene\.obstacles"):
+        Scene(Layout.grid(3, 3, 0.09), torch.tensor(1), 3)  # type: ignore[arg-type]
