@@ -203,7 +203,11 @@ def double_starts(home: Path, starts: int) -> Iterator[Trial]:
     """The same folder given to a second process while the first is at work."""
     for number in range(starts):
         command = ("train", "evaluate")[number % 2]
-        given = (*TRAIN, "training.max_episodes=1000000") if command == "train" else EVALUATE
+        given = (
+            (*TRAIN, "training.max_episodes=1000000", "training.min_episodes=1000000")
+            if command == "train"
+            else EVALUATE
+        )
         folder = f"double{number}"
         first = start(command, *given, f"run_dir={folder}", cwd=home)
         wait_for(home / folder / "config.yaml", first)
