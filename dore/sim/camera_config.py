@@ -10,7 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dore.errors import InputError, number, whole
-from dore.sim.frames import Array
+from dore.sim.config import number_list
+from dore.sim.frames import Array, pixels_of
 from dore.world.layout import Layout
 
 Noise = Literal["kinect", "none"]
@@ -68,12 +69,10 @@ class CameraConfig:
     def _check_lists(self) -> None:
         for name, most in (("edge_m", 0.5), ("pose_error_m", 0.5), ("pose_error_deg", 45.0)):
             number(f"camera.{name}", getattr(self, name), above=-1e-12, at_most=most)
-        for name, count in (("position_m", 3), ("look_at_m", 3), ("target_hue_deg", 2), ("smallest_m", 2)):
-            values = getattr(self, name)
-            if not isinstance(values, list | tuple) or len(values) != count:
-                raise InputError(f"camera.{name}: got {values!r}, want {count} numbers")
-            for value in values:
-                number(f"camera.{name}", value, above=-1000.0, at_most=1000.0)
+        xyz = ("x", "y", "z")
+        pairs = {"target_hue_deg": ("low", "high"), "smallest_m": ("half width", "height")}
+        for name, wanted in {"position_m": xyz, "look_at_m": xyz, **pairs}.items():
+            number_list(f"camera.{name}", getattr(self, name), wanted, most=1000.0)
         low, high = self.target_hue_deg
         if not 0 <= low < high <= 360:
             raise InputError(f"camera.target_hue_deg: got [{low:g}, {high:g}], want 0 <= low < high <= 360")
@@ -122,9 +121,8 @@ class CameraConfig:
         corners = np.array([[x, y, z] for x in (-half, half) for y in (-half, half) for z in (0.0, self.tallest_m)])
         pose = self.pose(layout)
         for cell, xy in enumerate(layout.cells, 1):
-            seen = (np.append(xy, 0.0) + corners - pose[:3, 3]) @ pose[:3, :3] @ self.intrinsic.T
-            pixel = seen[:, :2] / np.maximum(seen[:, 2:], 1e-9)
-            if (seen[:, 2] <= 0).any() or (pixel < 0).any() or (pixel > [self.width_px, self.height_px]).any():
+            pixel, depth = pixels_of(np.append(xy, 0.0) + corners, self.intrinsic, pose)
+            if (depth <= 0).any() or (pixel < 0).any() or (pixel > [self.width_px, self.height_px]).any():
                 raise InputError(
                     f"camera.position_m: cell {cell} is not all in the picture; want the camera higher, or turned"
                 )

@@ -156,7 +156,7 @@ class ObjectConfig:
             raise InputError(f"objects.shapes: got {self.shapes!r}, want one of {', '.join(get_args(Shapes))}")
         number("objects.density_kg_m3", self.density_kg_m3, above=0.0, at_most=25_000.0)
         for name in ("cuboid_half_width_m", "can_radius_m", "height_m"):
-            low, high = _numbers(f"objects.{name}", getattr(self, name), ("low", "high"))
+            low, high = number_list(f"objects.{name}", getattr(self, name), ("low", "high"))
             if not 0 < low <= high <= 1:
                 raise InputError(f"objects.{name}: got [{low:g}, {high:g}], want 0 < low <= high <= 1")
 
@@ -206,7 +206,7 @@ class ViewConfig:
         number("view.playback_speed", self.playback_speed, above=0.009, at_most=100.0)
         flag("view.shadows", self.shadows)
         for name in ("position_m", "look_at_m"):
-            _numbers(f"view.{name}", getattr(self, name), ("x", "y", "z"))
+            number_list(f"view.{name}", getattr(self, name), ("x", "y", "z"))
         if list(self.position_m) == list(self.look_at_m):
             raise InputError(
                 f"view.position_m: got {list(self.position_m)}, the same as view.look_at_m; want another point"
@@ -232,12 +232,12 @@ def preset(name: str, **given: Any) -> Any:
         raise
 
 
-def _numbers(name: str, values: object, wanted: tuple[str, ...]) -> list[float]:
-    """`values` as finite floats, one for each name in `wanted`.
+def number_list(name: str, values: object, wanted: tuple[str, ...], most: float = 100.0) -> list[float]:
+    """`values` as finite floats in (-most, most], one for each name in `wanted`.
 
     Raises:
         InputError: not a list, of another length, or with something else in it.
     """
     if not isinstance(values, list | tuple) or len(values) != len(wanted):
         raise InputError(f"{name}: got {values!r}, want [{', '.join(wanted)}]")
-    return [number(name, value, above=-100.0, at_most=100.0) for value in values]
+    return [number(name, value, above=-most, at_most=most) for value in values]

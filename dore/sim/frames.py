@@ -66,6 +66,28 @@ def hand_pose(xyz: Array, heading_rad: float, tilt_rad: float) -> Array:
     return pose
 
 
+def turned(xy: Array, angle_rad: float) -> Array:
+    """Float64[2]: a vector turned counter-clockwise."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([c * xy[0] - s * xy[1], s * xy[0] + c * xy[1]])
+
+
+def pixels_of(points: Array, intrinsic: Array, camera_to_world: Array) -> tuple[Array, Array]:
+    """Where a camera sees points of the world Float64[..., 3]: columns and rows Float64[..., 2], depths Float64[...].
+
+    What is not ahead of it, depth <= 0, is at no pixel.
+    """
+    seen = (points - camera_to_world[:3, 3]) @ camera_to_world[:3, :3] @ intrinsic.T
+    return seen[..., :2] / np.maximum(seen[..., 2:], 1e-9), seen[..., 2]
+
+
+def sight_lines(intrinsic: Array, shape: tuple[int, ...]) -> Array:
+    """Float64[H, W, 3]: the direction in which each pixel's middle looks, in the camera's frame, z = 1."""
+    height, width = shape
+    pixel = np.stack(np.broadcast_arrays(np.arange(width) + 0.5, np.arange(height)[:, None] + 0.5, 1.0), axis=-1)
+    return np.asarray(pixel @ np.linalg.inv(intrinsic).T)
+
+
 def inside(centres: Array, cell_m: float, xy: Array) -> NDArray[np.bool_]:
     """Bool[G]: which cells (squares of `cell_m` about `centres` Float64[G, 2]) hold the point `xy` Float64[2]."""
     return np.asarray((np.abs(centres - xy) <= cell_m / 2).all(axis=-1))

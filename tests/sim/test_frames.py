@@ -10,8 +10,9 @@ import pytest
 
 from dore.errors import InputError
 from dore.sim.config import Body, preset
-from dore.sim.frames import corridor, hand_pose, inside
+from dore.sim.frames import corridor, hand_pose, inside, pixels_of, sight_lines, turned
 from dore.sim.kinematics import timed
+from dore.world.layout import Layout
 
 
 def test_corridor_at_zero_degrees_points_away_from_the_base():
@@ -25,8 +26,8 @@ def test_corridor_direction_is_counter_clockwise_about_cell_to_base(direction_de
     cell = np.array([0.68, -0.18])
     way = corridor(tuple(cell), direction_deg, staging_x=0.43)
     out = np.array(way.staging_xy) - cell
-    turned = math.atan2(out[1], out[0]) - math.atan2(-cell[1], -cell[0])
-    assert math.degrees(math.remainder(turned, math.tau)) == pytest.approx(direction_deg)
+    angle = math.atan2(out[1], out[0]) - math.atan2(-cell[1], -cell[0])
+    assert math.degrees(math.remainder(angle, math.tau)) == pytest.approx(direction_deg)
 
 
 @pytest.mark.parametrize(("cell", "direction_deg"), [((0.4, 0.0), 0.0), ((0.6, 0.0), 90.0), ((0.6, 0.3), 120.0)])
@@ -87,3 +88,16 @@ def test_objects_are_the_same_for_a_seed():
 def test_bad_values_are_named(build, field):
     with pytest.raises(InputError, match=field):
         build()
+
+
+def test_a_point_on_a_pixel_s_sight_line_is_seen_at_that_pixel():
+    camera = preset("camera/kinect")
+    pose, lines = camera.pose(Layout.grid(3, 6, 0.12, 0.50)), sight_lines(camera.intrinsic, (480, 640))
+    ahead = lines[40, 600] * 1.3 @ pose[:3, :3].T + pose[:3, 3]
+    pixel, depth = pixels_of(np.stack([ahead, 2 * pose[:3, 3] - ahead]), camera.intrinsic, pose)
+    assert np.allclose(pixel[0], [600.5, 40.5])
+    assert np.allclose(depth, [1.3, -1.3])
+
+
+def test_a_vector_is_turned_counter_clockwise():
+    assert np.allclose(turned(np.array([2.0, 1.0]), math.pi / 2), [-1.0, 2.0])

@@ -76,8 +76,7 @@ class CollisionChecker:
         held: the object in the hand; if it is in `standing` too, it is not met there.
         reached_for: the object between the open fingers, which may come close but not touch.
         """
-        self._place(standing, held)
-        self._activate(set(standing), None if held is None else held.body, reached_for)
+        self._arrange(standing, held, reached_for)
         for joints in path:
             if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, True):
                 return self._name_contact()
@@ -87,8 +86,7 @@ class CollisionChecker:
         self, path: Array, standing: Mapping[int, Standing], held: Held | None = None, reached_for: int | None = None
     ) -> set[int]:
         """All objects that the arm, or what it holds, touches on a joint path Float64[N, J]; arguments as above."""
-        self._place(standing, held)
-        self._activate(set(standing), None if held is None else held.body, reached_for)
+        self._arrange(standing, held, reached_for)
         found: set[int] = set()
         for joints in path:
             if pin.computeCollisions(self._model, self._kin_data, self._scene, self._data, joints, False):
@@ -114,7 +112,7 @@ class CollisionChecker:
         return self._model.frames[self._tool].placement * tool.actInv(upright)
 
     def _pair_up(self) -> None:
-        """All pairs that may ever be asked about; `_activate` chooses among them."""
+        """All pairs that may ever be asked about; `_arrange` chooses among them."""
         pairs = [(a, b) for a in self._robot for b in (self._table, *self._standing)]
         # The last two links are the wrist that holds it.
         last = self._model.njoints - 1
@@ -130,17 +128,16 @@ class CollisionChecker:
             self._scene.addCollisionPair(pin.CollisionPair(a, b))
         self._pairs = pairs
 
-    def _place(self, standing: Mapping[int, Standing], held: Held | None) -> None:
+    def _arrange(self, standing: Mapping[int, Standing], held: Held | None, reached_for: int | None) -> None:
+        """Put every object where it is, and choose the pairs that are checked."""
         for index, where in standing.items():
             centre = np.array([*where.xy, self._bodies[index].height_m / 2 + self._drop])
             rotation = pin.utils.rotate("z", where.yaw_rad)
             self._scene.geometryObjects[self._standing[index]].placement = pin.SE3(rotation, centre)
         if held is not None:
             self._scene.geometryObjects[self._carried[held.body]].placement = self._in_hand(held)
-
-    def _activate(self, standing: set[int], held: int | None, reached_for: int | None) -> None:
-        here = {self._standing[i] for i in standing if i != held}
-        carried = None if held is None else self._carried[held]
+        here = {self._standing[i] for i in standing if held is None or i != held.body}
+        carried = None if held is None else self._carried[held.body]
         for index, (a, b) in enumerate(self._pairs):
             carried_pair = a in self._carried
             active = (not carried_pair or a == carried) and (b not in self._standing or b in here)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dore.sim.config import Body
-from dore.sim.frames import TABLE_OVERHANG_M, Array, Corridor, corridor
+from dore.sim.frames import TABLE_OVERHANG_M, Array, Corridor, corridor, turned
 from dore.sim.kinematics import ArmKinematics, Reached, Unreachable, timed
 from dore.sim.motion.collision import CollisionChecker, Held, Standing
 from dore.sim.motion.outcome import Outcome, Refused
@@ -161,9 +161,9 @@ class Rehearsal:
         body, high = task.body, self._arm.grasp_height_m + self._arm.lift_m
         low, held = self._arm.grasp_height_m + _SET_DOWN_GAP_M, _in_hand(body, state.arm, held_xy)
         way = self._corridor(task, self._layout.cells[task.place_cell], task.place_direction_deg)
-        heading, (c, s) = way.heading_rad, (math.cos(way.heading_rad), math.sin(way.heading_rad))
+        heading = way.heading_rad
         # The object, not the tool point, is to end in the middle of the cell.
-        aside = np.array([c * held.along_m - s * held.across_m, s * held.along_m + c * held.across_m])
+        aside = turned(np.array([held.along_m, held.across_m]), heading)
         begin, end, rest = way.staging_xy - aside, way.cell_xy - aside, state.standing
         # The jaws have turned a cuboid to face them, so it now stands as the hand was headed.
         after = {**rest, body: Standing(way.cell_xy, heading)}
@@ -232,6 +232,4 @@ def _in_hand(body: int, arm: Reached, held_xy: tuple[float, float] | None) -> He
     """A held object, where its axis is seen from the tool point."""
     if held_xy is None:
         return Held(body)
-    dx, dy = held_xy[0] - arm.xyz[0], held_xy[1] - arm.xyz[1]
-    c, s = math.cos(arm.heading_rad), math.sin(arm.heading_rad)
-    return Held(body, float(c * dx + s * dy), float(c * dy - s * dx))
+    return Held(body, *turned(held_xy - arm.xyz[:2], -arm.heading_rad).tolist())

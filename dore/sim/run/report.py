@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dore.files import atomic_write
+from dore.sim.frames import turned
 from dore.sim.motion.outcome import Outcome
 from dore.sim.motion.rehearsal import MoveTask
 from dore.sim.run.feedback import leaning_deg, positions, yaws
@@ -142,10 +143,10 @@ class MoveMeter:
         """Room between the open fingers and the object before they close, on the tighter side."""
         x, y = self._task.layout.cells[task.pick_cell]
         heading = math.atan2(y, x) + math.radians(task.pick_direction_deg)
-        body, turned = self._task.bodies[index], self._yaw[index] - heading
+        body, yaw = self._task.bodies[index], self._yaw[index] - heading
         off = np.zeros(2) if aimed_xy is None else self._before[index, :2] - aimed_xy
-        aside = abs(float(off[1]) * math.cos(heading) - float(off[0]) * math.sin(heading))
+        aside = abs(float(turned(off, -heading)[1]))
         half = body.half_width_m
         if body.shape == "cuboid":
-            half *= abs(math.cos(turned)) + abs(math.sin(turned))
+            half *= abs(math.cos(yaw)) + abs(math.sin(yaw))
         return self._task.arm.model.half_opening_m - half - aside

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dore.sim.camera_config import CameraConfig
-from dore.sim.frames import Array
+from dore.sim.frames import Array, pixels_of
 from dore.sim.vision.perception import Frame, detections
 from dore.sim.vision.scene_estimate import Detection, Observation, cell_of
 from dore.world.layout import Layout
@@ -74,11 +74,8 @@ def _disc(radius: float) -> Array:
 def _seen_through(frame: Frame, points: Array) -> NDArray[np.bool_]:
     """Bool[...]: whether something behind the points Float64[..., 3] was measured through them."""
     height, width = frame.depth_m.shape
-    pose = frame.camera_to_world
-    x, y, depth = np.moveaxis((points - pose[:3, 3]) @ pose[:3, :3], -1, 0)
-    k, depth = frame.intrinsic, np.maximum(depth, 1e-9)
-    column = np.floor(x / depth * k[0, 0] + k[0, 2]).astype(np.int64)
-    row = np.floor(y / depth * k[1, 1] + k[1, 2]).astype(np.int64)
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    pixels, depth = pixels_of(points, frame.intrinsic, frame.camera_to_world)
+    column, row = np.moveaxis(np.floor(pixels).astype(np.int64), -1, 0)
+    inside = (depth > 0) & (column >= 0) & (column < width) & (row >= 0) & (row < height)
     measured = frame.depth_m[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
     return np.asarray(inside & (measured > depth + _BEYOND_M))

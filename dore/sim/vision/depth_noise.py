@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dore.sim.frames import Array
+from dore.sim.frames import Array, sight_lines
 
 NEAR_M, FAR_M = 0.4, 3.0
 """The range of a Kinect's near mode; it measures nothing outside it."""
@@ -70,12 +70,10 @@ def _viewing_angle(inverse: Array, intrinsic: Array) -> Array:
 
     On a plane inverse depth is linear in the pixels, so its slopes give the normal.
     """
-    height, width = inverse.shape
-    x = (np.arange(width) + 0.5 - intrinsic[0, 2]) / intrinsic[0, 0]
-    y = (np.arange(height)[:, None] + 0.5 - intrinsic[1, 2]) / intrinsic[1, 1]
+    lines = sight_lines(intrinsic, inverse.shape)
     across, down = intrinsic[0, 0] * _slope(inverse, 1), intrinsic[1, 1] * _slope(inverse, 0)
-    ahead = inverse - x * across - y * down
-    normal, sight = np.sqrt(across**2 + down**2 + ahead**2), np.sqrt(x**2 + y**2 + 1.0)
+    ahead = inverse - lines[..., 0] * across - lines[..., 1] * down
+    normal, sight = np.sqrt(across**2 + down**2 + ahead**2), np.linalg.norm(lines, axis=-1)
     return np.asarray(np.arccos(np.clip(inverse / np.maximum(normal * sight, 1e-12), 0.0, 1.0)))
 
 

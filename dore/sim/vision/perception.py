@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from dore.sim.camera_config import CameraConfig
-from dore.sim.frames import Array
+from dore.sim.frames import Array, sight_lines
 from dore.sim.vision.scene_estimate import Detection, NotUnderstood, Shape, Why
 from dore.world.layout import Layout
 
@@ -102,11 +102,8 @@ def detections(frame: Frame, layout: Layout, config: CameraConfig) -> tuple[Dete
 
 def world_points(frame: Frame) -> Array:
     """Float64[H, W, 3]: where each pixel's point is, metres; meaningless where no depth was measured."""
-    height, width = frame.depth_m.shape
-    k, pose = frame.intrinsic, frame.camera_to_world
-    x = (np.arange(width) + 0.5 - k[0, 2]) / k[0, 0] * frame.depth_m
-    y = (np.arange(height)[:, None] + 0.5 - k[1, 2]) / k[1, 1] * frame.depth_m
-    return np.asarray(np.stack([x, y, frame.depth_m], axis=-1) @ pose[:3, :3].T + pose[:3, 3])
+    pose, lines = frame.camera_to_world, sight_lines(frame.intrinsic, frame.depth_m.shape)
+    return np.asarray(lines * frame.depth_m[..., None] @ pose[:3, :3].T + pose[:3, 3])
 
 
 def _above_table(frame: Frame, layout: Layout, config: CameraConfig) -> _Points:
