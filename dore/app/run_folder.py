@@ -21,7 +21,17 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dore.configure import check_classes, leaves, renamed
 from dore.errors import InputError, path_of
-from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, atomic_write, commit, locked, read_done, write_record
+from dore.files import (
+    ABOUT_FILE,
+    CONFIG_FILE,
+    DONE_FILE,
+    METRICS_FILE,
+    atomic_write,
+    commit,
+    locked,
+    read_done,
+    write_record,
+)
 from dore.schema import named, nearest
 
 CHECKPOINT = "checkpoint.pt"
@@ -91,9 +101,11 @@ def clear_unstarted(folder: Path) -> None:
     """
     if not folder.is_dir() or (folder / CHECKPOINT).exists():
         return
-    # Killed while it wrote its first file, it has left that file's temporary one.
-    if (folder / CONFIG_FILE).exists() or all(path.suffix == ".tmp" for path in folder.iterdir()):
-        with locked(folder, "run_dir"):
+    own = {CONFIG_FILE, ABOUT_FILE, METRICS_FILE, "tensorboard"}
+    # Killed while it wrote its first file, it has left that file's temporary one. What is not a run's stays.
+    own = {CONFIG_FILE, ABOUT_FILE, METRICS_FILE, "tensorboard"}
+    with locked(folder, "run_dir"):
+        if all(path.name in own or path.suffix == ".tmp" for path in folder.iterdir()):
             shutil.rmtree(folder)
 
 

@@ -64,3 +64,11 @@ def test_an_unknown_key_in_a_runs_config_is_refused(tmp_path, capsys):
         said = capsys.readouterr().err
         assert says in said
         assert said.count("\n") == 1
+
+
+def test_a_folder_with_files_of_the_users_own_is_left_alone(tmp_path):
+    (tmp_path / "run").mkdir()
+    for name in ("config.yaml", "notes.txt"):
+        (tmp_path / "run" / name).write_text("mine")
+    assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}", "existing=continue"]) == 2
+    assert sorted(path.name for path in (tmp_path / "run").iterdir()) == ["config.yaml", "notes.txt"]
