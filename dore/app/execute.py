@@ -20,8 +20,7 @@ from dore.world.files import read_plan, read_scene
 from dore.world.generator import Difficulty
 from dore.world.instances import random_problem
 from dore.world.plan import Plan, PlanFile, Status
-from dore.world.problem import Batch, Problem, Scene
-from dore.world.reach import Reach
+from dore.world.problem import Batch, Problem
 
 
 def execute_command(cfg: DictConfig) -> int:
@@ -57,18 +56,18 @@ def closed_loop_of(cfg: DictConfig, problem: Problem) -> ClosedLoop:
     """The closed loop of a composed config."""
     planner = build.planner_of(cfg, problem.reach)
     disturbance, limits = (make(cfg[name], name) for name in ("disturbance", "limits"))
-    return ClosedLoop(problem, planner.name, partial(plan_scene, planner, problem.reach), disturbance, limits)
+    return ClosedLoop(problem, planner.name, partial(plan_problem, planner), disturbance, limits)
 
 
 def open_loop_of(cfg: DictConfig, problem: Problem) -> OpenLoop:
     """The open loop of a composed config, with its planner's plan."""
     planner = build.planner_of(cfg, problem.reach)
-    return OpenLoop(PlanFile(problem, plan_scene(planner, problem.reach, problem.scene)))
+    return OpenLoop(PlanFile(problem, plan_problem(planner, problem)))
 
 
-def plan_scene(planner: Planner, reach: Reach, scene: Scene) -> Plan:
-    """A planner's plan for one scene."""
-    return planner.plan(Batch.of(Problem(scene, reach)))[0]
+def plan_problem(planner: Planner, problem: Problem) -> Plan:
+    """A planner's plan for one problem."""
+    return planner.plan(Batch.of(problem))[0]
 
 
 def _open(cfg: DictConfig) -> Loop:

@@ -51,7 +51,7 @@ class TrueCamera:
 def loop_with(disturbance: Any, scene: Scene = SCENE, **changes: Any) -> ClosedLoop:
     reach = reach_of(compose("execute", []), "cpu", LAYOUT)
     planner = Exact(reach, max_nodes=10_000, max_seconds=20.0, max_memory_mb=256)
-    plan = lambda scene: planner.plan(Batch.of(Problem(scene, reach)))[0]  # noqa: E731
+    plan = lambda problem: planner.plan(Batch.of(problem))[0]  # noqa: E731
     loop = ClosedLoop(Problem(scene, reach), "exact", plan, disturbance, LIMITS, TrueCamera)
     return replace(loop, **changes)
 

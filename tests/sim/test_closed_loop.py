@@ -64,7 +64,7 @@ def test_the_target_lost_at_the_very_end_is_never_claimed(monkeypatch, tmp_path)
     assert "the hand: it holds nothing" in report.message
     assert not report.claimed
     with monkeypatch.context() as patch:
-        patch.setattr(closed_loop.GripperSense, "holding", lambda self: True)
+        patch.setattr(closed_loop.GripperFeedback, "holding", lambda self: True)
         report = carry_out(patch, tmp_path, loop_with(Nothing(), sensor=Late))
     assert report.claimed
     assert not report.success

@@ -16,7 +16,7 @@ from dore.sim.motion.outcome import Outcome, Refused
 from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState, tasks_of
 from dore.sim.run.disturbances import Disturbance
 from dore.sim.run.execution import Execution, Run, check_reach
-from dore.sim.run.feedback import GripperSense
+from dore.sim.run.feedback import GripperFeedback
 from dore.sim.run.operator import HOLD_UP_STEPS
 from dore.sim.run.setup import CONTROL_S, Setup
 from dore.sim.scene.agent import NO_DRIVER, render_backend
@@ -54,12 +54,12 @@ class ClosedLoop:
     it is out, or with a named refusal.
 
     problem: where the objects are put at the start, which the arm does not know, and the reach to plan with.
-    planner: its name. plan: its plan for a scene. sensor: what it sees with.
+    planner: its name. plan: its plan for what is seen. sensor: what it sees with.
     """
 
     problem: Problem
     planner: str
-    plan: Callable[[Scene], Plan]
+    plan: Callable[[Problem], Plan]
     disturbance: Disturbance
     limits: Limits
     sensor: type[Sensor] = RgbdCamera
@@ -83,9 +83,9 @@ class ClosedLoop:
         if spare > room:
             raise InputError(f"disturbance: puts in {spare} more, and the scene has {room} cells left")
 
-    def feedback(self, world: DoreTabletopEnv) -> GripperSense:
+    def feedback(self, world: DoreTabletopEnv) -> GripperFeedback:
         """The fingers."""
-        return GripperSense(world)
+        return GripperFeedback(world)
 
     def begin(self, setup: Setup, bodies: tuple[Body, ...]) -> Run:
         """Only the reach is known beforehand.
@@ -165,7 +165,7 @@ class _ClosedRun:
         Raises:
             Refused: NO_PLAN.
         """
-        plan = self._loop.plan(seen.scene)
+        plan = self._loop.plan(Problem(seen.scene, self._reach))
         if plan.status is not Status.SOLVED:
             raise Refused(Outcome.NO_PLAN, plan.planner, f"{plan.status} ({plan.reason})")
         moves = [f"{cell_id(move.pick)} to {cell_id(move.place)}" for move in plan.moves]
@@ -226,7 +226,7 @@ class _ClosedRun:
             why = error.reason
         if why:
             raise Refused(Outcome.UNCONFIRMED, "the camera", why)
-        if not GripperSense(execution.world).holding():
+        if not GripperFeedback(execution.world).holding():
             raise Refused(Outcome.UNCONFIRMED, "the hand", "it holds nothing")
         execution.note("look", "the target is out, and every obstacle stands where it stood")
         execution.report.claimed, execution.report.outcome = True, Outcome.DONE

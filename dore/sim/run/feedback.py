@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dore.sim.frames import Array, inside
 from dore.sim.motion.collision import Standing
@@ -116,7 +115,7 @@ class PrivilegedState:
         return np.asarray(tool[:3, :3].T @ (positions(self._task)[body] - tool[:3, 3]))
 
 
-class GripperSense:
+class GripperFeedback:
     """Only what the gripper itself senses: how far its fingers are apart. The camera has looked before the move and
     looks again after it; the simulator is asked nothing else.
 
@@ -162,7 +161,7 @@ def leaning_deg(task: DoreTabletopEnv) -> Array:
     return np.asarray(task.leaning_deg()[0].double().cpu().numpy())
 
 
-def yaws(task: DoreTabletopEnv) -> Sequence[float]:
+def yaws(task: DoreTabletopEnv) -> list[float]:
     """How each of N objects is turned about the vertical, radians."""
-    poses = [actor.pose.to_transformation_matrix()[0] for actor in task.objects]
-    return [math.atan2(float(pose[1, 0]), float(pose[0, 0])) for pose in poses]
+    quaternions = task.poses()[0, :, 3:].double().cpu().numpy()
+    return Rotation.from_quat(quaternions, scalar_first=True).as_euler("ZYX")[:, 0].tolist()

@@ -63,11 +63,11 @@ def slim_urdf(stock: str) -> str:
     Raises:
         RuntimeError: the stock text lacks what is to be replaced (another ManiSkill).
     """
-    palm = "".join(_shape(tag, *part) for tag in ("visual", "collision") for part in _PALM)
+    palm = "".join(_shape_xml(tag, *part) for tag in ("visual", "collision") for part in _PALM)
     urdf = _replace_link(stock, "panda_hand", palm + _inertial("0 0 0.03", "0.6", "0.001", "0.0015", "0.001"))
     for side, y in (("left", 0.006), ("right", -0.006)):
         finger = "".join(
-            _shape(tag, "box", f"0 {y} 0.041", _FINGER_SIZE, _FINGER_COLOUR) for tag in ("visual", "collision")
+            _shape_xml(tag, "box", f"0 {y} 0.041", _FINGER_SIZE, _FINGER_COLOUR) for tag in ("visual", "collision")
         )
         finger += _inertial("0 0 0.02", "0.03", "1e-5", "1e-5", "1e-6")
         urdf = _replace_link(urdf, f"panda_{side}finger", finger)
@@ -99,7 +99,7 @@ def _slim(urdf: str | None) -> Description:
     return Description(slim_urdf(stock.urdf), stock.srdf)
 
 
-def _shape(tag: str, kind: str, xyz: str, size: str, colour: str) -> str:
+def _shape_xml(tag: str, kind: str, xyz: str, size: str, colour: str) -> str:
     if kind == "box":
         geometry = f'<box size="{size}"/>'
     else:

@@ -115,12 +115,12 @@ def _above_table(frame: Frame, layout: Layout, config: CameraConfig) -> _Points:
     points, (near, far) = world_points(frame), config.region(layout)
     near = near - [_ARM_BACK_M, 0.0]
     inside = (frame.depth_m > 0) & ((points[..., :2] >= near) & (points[..., :2] <= far)).all(-1)
-    shown = points[inside]
-    height = shown[:, 2] - _table_height(shown)
+    points = points[inside]
+    height = points[:, 2] - _table_height(points)
     target, camera = _looks_like_target(frame, inside, config), frame.camera_to_world[:3, 3]
     border = np.ones(frame.depth_m.shape, dtype=bool)
     border[2:-2, 2:-2] = False
-    return _Points(shown[:, :2], height, target, border[inside], camera)[height > config.lowest_m]
+    return _Points(points[:, :2], height, target, border[inside], camera)[height > config.lowest_m]
 
 
 def _table_height(points: Array) -> Array:
