@@ -97,7 +97,7 @@ def locked(folder: Path, name: str) -> Iterator[None]:
         os.close(handle)
 
 
-def write_record(path: Path, record: Mapping[str, Any]) -> None:
+def write_record(path: str | os.PathLike[str], record: Mapping[str, Any]) -> None:
     """Record something of a run in a JSON file."""
     with atomic_write(path) as file:
         json.dump(record, file, indent=2)

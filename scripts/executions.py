@@ -7,7 +7,6 @@ that all planners of solved_by have plans for. `dore-report study=execution` mak
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import shutil
 import sys
@@ -22,7 +21,7 @@ from dore.app import build
 from dore.app.execute import closed_loop_of, open_loop_of, setup_of
 from dore.configure import make
 from dore.errors import InputError, one_of
-from dore.files import ABOUT_FILE, atomic_write, commit, read_record
+from dore.files import ABOUT_FILE, commit, read_record, write_record
 from dore.report.frame import ARGUMENTS
 from dore.sim.run.execution import run_loop
 from dore.sim.run.setup import REPORT_NAME
@@ -99,9 +98,8 @@ def claim(options: Options) -> None:
     if (known := read_record(file)) not in ({}, kind):
         raise InputError(f"out: {options.out} holds executions of another kind ({known}), want another folder")
     options.out.mkdir(parents=True, exist_ok=True)
-    for path, record in ((file, kind), (options.out / ABOUT_FILE, {"commit": commit()})):
-        with atomic_write(path) as opened:
-            json.dump(record, opened, indent=2)
+    write_record(file, kind)
+    write_record(options.out / ABOUT_FILE, {"commit": commit()})
 
 
 def jobs_of(options: Options, obstacles: int) -> list[Job]:

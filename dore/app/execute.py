@@ -34,8 +34,6 @@ def execute_command(cfg: DictConfig) -> int:
     if (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
     build.use_threads(cfg.threads)
-    for name in ("disturbance", "limits"):
-        make(cfg[name], name)  # Of a closed loop alone; what is wrong with them is said in any case.
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = (_closed if cfg.loop == "closed" else _open)(cfg)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(REPORT_NAME,)) as folder:
@@ -72,6 +70,8 @@ def plan_problem(planner: Planner, problem: Problem) -> Plan:
 
 def _open(cfg: DictConfig) -> Loop:
     """A plan as it is, or one for the scene."""
+    for name in ("disturbance", "limits"):
+        make(cfg[name], name)  # Of a closed loop alone; what is wrong with them is said in any case.
     if cfg.plan is None:
         return open_loop_of(cfg, _problem(cfg))
     plan_file = read_plan(path_of("plan", cfg.plan))

@@ -25,8 +25,7 @@ def plan_command(cfg: DictConfig) -> int:
     """Plan one scene; write the plan, draw it, and print it; the exit code."""
     build.use_threads(cfg.threads)
     out = folder_of(cfg, "out")
-    check_outputs(out=out)
-    picture = out.with_suffix(".png") if cfg.picture is None else folder_of(cfg, "picture")
+    picture = out.parent / f"{out.stem}.png" if cfg.picture is None else folder_of(cfg, "picture")
     check_outputs(out=out, picture=picture)
     world = build.world_of(cfg, build.model_config(cfg))
     if cfg.scene == "random":

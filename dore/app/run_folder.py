@@ -101,7 +101,6 @@ def clear_unstarted(folder: Path) -> None:
     """
     if not folder.is_dir() or (folder / CHECKPOINT).exists():
         return
-    own = {CONFIG_FILE, ABOUT_FILE, METRICS_FILE, "tensorboard"}
     # Killed while it wrote its first file, it has left that file's temporary one. What is not a run's stays.
     own = {CONFIG_FILE, ABOUT_FILE, METRICS_FILE, "tensorboard"}
     with locked(folder, "run_dir"):
@@ -141,7 +140,7 @@ def read_config(
             f"{path}: of version 0.1, whose training cannot be resumed; its model still plans and evaluates, "
             "and a new run trains (training.updates and training.update_after instead of training.updates_per_step)"
         )
-    options = sorted({*known, *expected}) if known is not None else [str(key) for key in cfg]
+    options = sorted({*known, *expected} if known is not None else map(str, cfg))
     for key in map(str, cfg):
         if key not in options:
             hint = "; its model still plans and evaluates" if (Path(folder) / CHECKPOINT).exists() else ""

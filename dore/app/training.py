@@ -63,18 +63,7 @@ def trainer_of(cfg: DictConfig) -> Trainer:
 
 def _check_numbers(cfg: DictConfig) -> None:
     """Raise InputError for numbers that are wrong or do not fit together."""
-    sections = (
-        "training",
-        "ipt",
-        "env",
-        "env.rewards",
-        "instances",
-        "agent",
-        "buffer",
-        "buffer.storage",
-        "target_update",
-    )
-    check_sections(cfg, *sections, "optimizer", "exploration", "loggers")
+    check_sections(cfg, *SECTIONS)
     seed_of("seed", cfg.seed)
     whole("log_every", cfg.log_every, 1)
     number("checkpoint_minutes", cfg.checkpoint_minutes, above=0.0)
@@ -85,8 +74,8 @@ def _check_numbers(cfg: DictConfig) -> None:
                 f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
             )
     most = whole("instances.max_obstacles", cfg.instances.max_obstacles, 1, at_most=MAX_CELLS)
-    if whole("agent.n_slots", cfg.agent.get("n_slots", most), 1) < cfg.instances.max_obstacles:
-        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {cfg.instances.max_obstacles}")
+    if whole("agent.n_slots", cfg.agent.get("n_slots", most), 1) < most:
+        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {most}")
     if (interval := cfg.target_update.get("value_network_update_interval")) is not None:
         whole("target_update.value_network_update_interval", interval, 0)
     if "tau" in cfg.target_update:

@@ -75,7 +75,7 @@ class Budget:
     def __post_init__(self) -> None:
         for name in ("min_episodes", "fill"):
             whole(f"training.{name}", getattr(self, name), 0)
-        for name in ("max_episodes", "batch_size", "updates", "learning_starts"):
+        for name in ("max_episodes", "batch_size", "learning_starts"):
             whole(f"training.{name}", getattr(self, name), 1)
         whole("training.updates", self.updates, 1, at_most=10_000)
         for name in ("max_minutes", "max_grad_norm"):

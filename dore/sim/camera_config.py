@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dore.errors import InputError, number, whole
-from dore.sim.config import number_list
+from dore.sim.config import check_picture, number_list
 from dore.sim.frames import Array, pixels_of
 from dore.world.layout import Layout
 
@@ -53,10 +53,8 @@ class CameraConfig:
         for name, known in (("noise", get_args(Noise)), ("target_by", get_args(TargetBy))):
             if getattr(self, name) not in known:
                 raise InputError(f"camera.{name}: got {getattr(self, name)!r}, want one of {', '.join(known)}")
-        whole("camera.width_px", self.width_px, 16, at_most=4096)
-        whole("camera.height_px", self.height_px, 16, at_most=4096)
+        check_picture("camera", self.width_px, self.height_px, self.field_of_view_deg)
         whole("camera.fewest_patches", self.fewest_patches, 1, at_most=10_000)
-        number("camera.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
         number("camera.target_saturation", self.target_saturation, above=0.0, at_most=1.0)
         for name in ("lowest_m", "tallest_m", "widest_m", "patch_m", "front_margin_m", "margin_m"):
             number(f"camera.{name}", getattr(self, name), above=0.0, at_most=1.0)

@@ -199,9 +199,7 @@ class ViewConfig:
     shadows: bool
 
     def __post_init__(self) -> None:
-        whole("view.width_px", self.width_px, 16, at_most=4096)
-        whole("view.height_px", self.height_px, 16, at_most=4096)
-        number("view.field_of_view_deg", self.field_of_view_deg, above=0.0, at_most=170.0)
+        check_picture("view", self.width_px, self.height_px, self.field_of_view_deg)
         number("view.frames_per_s", self.frames_per_s, above=0.09, at_most=60.0)
         number("view.playback_speed", self.playback_speed, above=0.009, at_most=100.0)
         flag("view.shadows", self.shadows)
@@ -230,6 +228,17 @@ def preset(name: str, **given: Any) -> Any:
         if isinstance(error.__cause__, InputError):
             raise error.__cause__ from None
         raise
+
+
+def check_picture(name: str, width_px: object, height_px: object, field_of_view_deg: object) -> None:
+    """Refuse a picture below 16 or above 4096 pixels to a side, or a field of view outside (0, 170] degrees.
+
+    Raises:
+        InputError: names the key in the section `name`.
+    """
+    whole(f"{name}.width_px", width_px, 16, at_most=4096)
+    whole(f"{name}.height_px", height_px, 16, at_most=4096)
+    number(f"{name}.field_of_view_deg", field_of_view_deg, above=0.0, at_most=170.0)
 
 
 def number_list(name: str, values: object, wanted: tuple[str, ...], most: float = 100.0) -> list[float]:

@@ -6,7 +6,6 @@ Reading checks everything; writing replaces the file whole.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from safetensors.torch import save
 from torch import Tensor
 
 from dore.errors import InputError, shown
-from dore.files import atomic_write
+from dore.files import atomic_write, write_record
 from dore.schema import Count, Degrees, checked, named, read_json
 from dore.world.layout import MAX_CELLS, Layout
 from dore.world.plan import Move, Plan, PlanFile, Status, replay
@@ -137,9 +136,7 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
         planning_s=round(plan.planning_s, 6),
         optimal_moves=plan.optimal_moves,
     )
-    with atomic_write(path) as text:
-        json.dump(msgspec.to_builtins(fields), text, indent=2)
-        text.write("\n")
+    write_record(path, msgspec.to_builtins(fields))
 
 
 def write_tensors(path: str | os.PathLike[str], tensors: dict[str, Tensor], header: dict[str, str]) -> None:

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 import csv
+import signal
+from pathlib import Path
+from typing import Any
 
 import hydra
+import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
 
+from dore.app import session
 from dore.app.training import trainer_of
 from dore.files import conf_dir
+from dore.learn.checkpoint import load_checkpoint
 from dore.learn.trainer import Trainer
-from tests.commands import TINY
+from tests.commands import TINY, run
 
-TIMES = ("seconds", "env_steps_per_s")
+TIMES = ("seconds", "env_steps_per_s", "planning_s")
 
 
-def metrics(folder) -> list[dict[str, str]]:
-    """The rows of metrics.csv, without what a clock gave."""
-    with open(folder / "metrics.csv", encoding="utf-8") as file:
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """The rows of a CSV file, without what a clock gave."""
+    with path.open(encoding="utf-8") as file:
         return [{k: v for k, v in row.items() if k not in TIMES} for row in csv.DictReader(file)]
+
+
+def metrics(folder: Path) -> list[dict[str, str]]:
+    """Those of a training."""
+    return rows_of(folder / "metrics.csv")
 
 
 def same(a: object, b: object) -> bool:
@@ -31,6 +42,24 @@ def same(a: object, b: object) -> bool:
     if isinstance(a, list | tuple):
         return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
     return a == b or (a != a and b != b)
+
+
+def stopped_and_resumed(folder: Path, common: list[str], iteration: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The last checkpoints of a run in folder/whole, and of one in folder/parts that Ctrl-C stopped once."""
+    report = session.Session._report
+
+    def interrupted(self, progress, tested):
+        report(self, progress, tested)
+        if progress.iteration == iteration:
+            self._ask_to_stop(signal.SIGINT, None)
+
+    assert run("train", [*common, f"run_dir={folder / 'whole'}"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(session.Session, "_report", interrupted)
+        assert run("train", [*common, f"run_dir={folder / 'parts'}"]) == 130
+    assert run("train", [f"resume={folder / 'parts'}"]) == 0
+    whole, parts = (load_checkpoint(folder / name / "checkpoint.pt") for name in ("whole", "parts"))
+    return whole, parts
 
 
 LITERAL = [

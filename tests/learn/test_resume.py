@@ -13,12 +13,11 @@ from itertools import pairwise
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from dore.app import session
 from dore.learn.checkpoint import ipt_of, load_checkpoint, load_model
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Trainer
 from tests.commands import TINY, run
-from tests.learn.runs import metrics, same
+from tests.learn.runs import metrics, same, stopped_and_resumed
 
 
 @pytest.mark.parametrize("train_size", ["null", "30"])
@@ -36,21 +35,9 @@ def test_stop_and_resume_equals_uninterrupted(tmp_path, train_size):
 
 
 @pytest.mark.parametrize("options", [["agent=single"], ["target_update=hard", "agent.chain=literal"]])
-def test_interrupt_and_resume_equals_uninterrupted(tmp_path, options, monkeypatch):
-    report = session.Session._report
-
-    def interrupted(self, progress, tested):
-        report(self, progress, tested)
-        if progress.iteration == 9:
-            self._ask_to_stop(signal.SIGINT, None)
-
+def test_interrupt_and_resume_equals_uninterrupted(tmp_path, options):
     common = [*TINY, *options, "training.max_episodes=100", "ipt.every_episodes=30"]
-    assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
-    with monkeypatch.context() as patch:
-        patch.setattr(session.Session, "_report", interrupted)
-        assert run("train", [*common, f"run_dir={tmp_path / 'parts'}"]) == 130
-    assert run("train", [f"resume={tmp_path / 'parts'}"]) == 0
-    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
+    whole, parts = stopped_and_resumed(tmp_path, common, iteration=9)
     assert same(whole, parts)
     assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")
     assert same(load_model(tmp_path / "whole"), load_model(tmp_path / "parts"))

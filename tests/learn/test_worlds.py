@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-
 import pytest
 import torch
 
@@ -17,7 +15,7 @@ from dore.world.generator import Difficulty, FreshInstances
 from tests.app.test_conf import compose
 from tests.commands import run
 from tests.drawings import wide_hand
-from tests.learn.runs import metrics, same
+from tests.learn.runs import metrics, same, stopped_and_resumed
 
 SETTINGS = (
     *("instances.validation_size=20", "instances.test_size=20", "env.num_envs=8", "buffer.storage.max_size=300"),
@@ -127,23 +125,11 @@ def test_the_learning_rate_falls_over_the_budget():
 
 
 @pytest.mark.slow
-def test_the_generalist_stops_and_resumes_as_if_it_had_not(tmp_path, monkeypatch):
+def test_the_generalist_stops_and_resumes_as_if_it_had_not(tmp_path):
     """The shipped experiment on its own seven worlds, with small sets: bit for bit, and loadable as what ships is."""
-    report = session.Session._report
     few = [f"worlds.{name}.instances.validation_size=20" for name in compose("train", ["experiment=generalist"]).worlds]
     common = ["experiment=generalist", *SETTINGS, *few, "training.max_episodes=300"]
-
-    def interrupted(self, progress, tested):
-        report(self, progress, tested)
-        if progress.iteration == 17:
-            self._ask_to_stop(signal.SIGINT, None)
-
-    assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
-    with monkeypatch.context() as patch:
-        patch.setattr(session.Session, "_report", interrupted)
-        assert run("train", [*common, f"run_dir={tmp_path / 'parts'}"]) == 130
-    assert run("train", [f"resume={tmp_path / 'parts'}"]) == 0
-    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
+    whole, parts = stopped_and_resumed(tmp_path, common, iteration=17)
     assert len(whole["worlds"]) == 7
     assert same(whole, parts)
     rows = metrics(tmp_path / "whole")
@@ -158,21 +144,9 @@ def test_the_generalist_stops_and_resumes_as_if_it_had_not(tmp_path, monkeypatch
     assert len(plans) == 5
 
 
-def test_a_stopped_run_on_three_worlds_resumes_as_if_it_had_not(tmp_path, monkeypatch):
-    report = session.Session._report
+def test_a_stopped_run_on_three_worlds_resumes_as_if_it_had_not(tmp_path):
     common = [*THREE, "training.update_after=episode", "training.fill=20", "training.lr_end=0.1"]
-
-    def interrupted(self, progress, tested):
-        report(self, progress, tested)
-        if progress.iteration == 31:
-            self._ask_to_stop(signal.SIGINT, None)
-
-    assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
-    with monkeypatch.context() as patch:
-        patch.setattr(session.Session, "_report", interrupted)
-        assert run("train", [*common, f"run_dir={tmp_path / 'parts'}"]) == 130
-    assert run("train", [f"resume={tmp_path / 'parts'}"]) == 0
-    whole, parts = (load_checkpoint(tmp_path / name / "checkpoint.pt") for name in ("whole", "parts"))
+    whole, parts = stopped_and_resumed(tmp_path, common, iteration=31)
     assert same(whole, parts)
     assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")
 

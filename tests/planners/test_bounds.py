@@ -16,8 +16,8 @@ from dore.world.layout import Layout
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 from tests.drawings import PUBLISHED, WIDE_HAND, scene_of, wide_hand
-from tests.enumeration import Board, Enumeration
 from tests.planners.test_exact import batch_of, check_against_enumeration, every_board
+from tests.trust.judge import Board, Exhaustion, World
 
 
 def least_budgets(reach: Reach, cases: list[tuple[Board, int]], most: int) -> tuple[Tensor, Tensor]:
@@ -46,7 +46,7 @@ def test_never_above_the_optimum_and_stronger_than_counting(
     reach = Reach(Layout.grid(rows, cols, 0.12), **preset)  # type: ignore[arg-type]
     cases = every_board(rows * cols)[::every]
     least, counted = least_budgets(reach, cases, most=12)
-    enumeration = Enumeration(reach)
+    enumeration = Exhaustion(World.of_reach(reach))
     for case, bound in zip(cases, least.tolist(), strict=True):
         fewest, _ = enumeration.fewest_moves(*case)
         assert fewest is None or bound <= fewest, case

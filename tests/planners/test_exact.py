@@ -25,7 +25,7 @@ from dore.world.plan import Status, replay
 from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from tests.drawings import PUBLISHED, WIDE_HAND, scene_of, wide_hand
-from tests.enumeration import Board, Enumeration
+from tests.trust.judge import Board, Exhaustion, World
 
 BUDGETS = {"max_nodes": 1_000_000, "max_seconds": 60.0, "max_memory_mb": 512.0}
 
@@ -54,7 +54,7 @@ def batch_of(reach: Reach, cases: list[tuple[Board, int]]) -> Batch:
 
 def check_against_enumeration(reach: Reach, cases: list[tuple[Board, int]]) -> Counter[Status]:
     """Same status, same optimum, same number of boards where all are exhausted; every plan replays."""
-    batch, enumeration = batch_of(reach, cases), Enumeration(reach)
+    batch, enumeration = batch_of(reach, cases), Exhaustion(World.of_reach(reach))
     plans = exact(reach).plan(batch)
     for case, problem, plan in zip(cases, problems_of(reach, batch), plans, strict=True):
         fewest, boards_seen = enumeration.fewest_moves(*case)

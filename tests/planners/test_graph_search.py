@@ -20,8 +20,8 @@ from dore.world.plan import Status, replay
 from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
-from tests.enumeration import Enumeration
 from tests.planners.test_exact import batch_of, every_board
+from tests.trust.judge import Exhaustion, World
 
 BUDGETS = {"max_nodes": 1_000_000, "max_seconds": 60.0}
 
@@ -35,7 +35,7 @@ def graph_search(reach: Reach, **budgets: float) -> GraphSearch:
 )
 def test_every_board_of_a_small_layout(rows: int, cols: int, preset: dict[str, float], every: int) -> None:
     reach = Reach(Layout.grid(rows, cols, 0.12), **preset)  # type: ignore[arg-type]
-    enumeration = Enumeration(reach)
+    enumeration = Exhaustion(World.of_reach(reach))
     cases = every_board(rows * cols)[::every]
     batch = batch_of(reach, cases)
     plans = graph_search(reach).plan(batch)

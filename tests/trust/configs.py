@@ -1,13 +1,12 @@
 """Every key of every command's config with nonsense: what is refused in one line, what is accepted, what breaks.
 
-    python -m tests.trust.configs outputs/trust/configs
+    python -m tests.trust.configs out=outputs/trust
 
 Each case runs in a process of its own up to the point where long work would start.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import os
@@ -18,20 +17,21 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-import torch
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
 
 from dore.app import cli
+from dore.errors import InputError
 from dore.files import conf_dir
 from dore.report.measurements import write_measurements
+from scripts.program import run
 
 VALUES = ("-1", "0", "1e9", "1000000000", "1e308", "nan", "abc", "null", "[]", "{}")
 COMMANDS = {
@@ -46,7 +46,7 @@ STARTS = {
     "train": "dore.learn.trainer.Trainer.run",
     "evaluate": "dore.app.evaluate.evaluate_into",
     "plan": "dore.app.plan.write_plan",
-    "execute": "dore.app.execute.execute",
+    "execute": "dore.app.execute.run_loop",
 }
 """Where each command's long work starts, or where its result leaves it."""
 
@@ -134,25 +134,31 @@ def _outcome(case: Case, folder: Path) -> tuple[str, str]:
     return ("refused" if code == 2 and len(lines) == 1 else f"code {code}, {len(lines)} lines"), "; ".join(lines)[:300]
 
 
-def main() -> None:
-    """The program."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=COMMANDS)
-    parser.add_argument("--keys", default="", help="only keys that begin so")
-    parser.add_argument("--every", type=int, default=1, help="only every so manieth case")
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    for command in given.commands:
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows; commands: whose keys; keys: how these begin; every: every nth case only."""
+
+    out: Path
+    commands: list[str] = field(default_factory=lambda: list(COMMANDS))
+    keys: str = ""
+    every: int = 1
+
+
+def main(options: Options) -> None:
+    """Run the cases and write the rows."""
+    for command in options.commands:
+        if command not in COMMANDS:
+            raise InputError(f"commands: got {command!r}, want some of {', '.join(COMMANDS)}")
         import_module(f"dore.app.{command}")
-    keys = {command: [key for key in keys_of(command) if key.startswith(given.keys)] for command in given.commands}
-    cases = [Case(command, key, value) for command in keys for key in keys[command] for value in VALUES][:: given.every]
+    keys = {command: [key for key in keys_of(command) if key.startswith(options.keys)] for command in options.commands}
+    cases = [Case(command, key, value) for command in keys for key in keys[command] for value in VALUES]
     with tempfile.TemporaryDirectory() as folder:
+        cases = cases[:: options.every]
         done = [run_case(case, Path(folder)) for case in tqdm(cases, unit="case", mininterval=10.0)]
-    write_measurements(given.folder, [asdict(case) for case in done], seed=0)
+    write_measurements(options.out / "configs", [asdict(case) for case in done], seed=0)
     for outcome, n in Counter(case.outcome for case in done).most_common():
         print(f"{outcome}: {n}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

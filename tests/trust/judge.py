@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 EPSILON = 1e-7
@@ -31,6 +31,11 @@ class World:
     def of(cls, cells: Any, cell_m: float, reach: dict[str, float]) -> World:
         """From lists and dicts."""
         return cls(tuple((float(x), float(y)) for x, y in cells), float(cell_m), tuple(sorted(reach.items())))
+
+    @classmethod
+    def of_reach(cls, reach: Any) -> World:
+        """From the program's own reach, of which only numbers are taken."""
+        return cls.of(reach.layout.cells, reach.layout.cell_m, reach.to_dict())
 
     def number(self, name: str, default: float | None = None) -> Any:
         """A number of the reach."""
@@ -93,36 +98,42 @@ def fault(world: World, obstacles: Board, target: Cell, plan: dict[str, Any]) ->
 
 
 class Exhaustion:
-    """Breadth-first search over all boards that moves lead to, without bounds or pruning."""
+    """Breadth-first search over all boards that moves lead to, without bounds or pruning (Appendix A, section 5.1)."""
 
     def __init__(self, world: World) -> None:
-        self.world = world
-        self.sectors = world.sectors()
+        self.cells = range(len(world.cells))
+        # An approach direction is free where none of these cells is taken. The program counts a direction at the very
+        # edge of an object as covered.
+        self.blockers = [[self._blockers(world, cell, degrees) for degrees in world.sectors()] for cell in self.cells]
         self.accessible = cache(self._accessible)
 
-    def fewest_moves(self, obstacles: Board, target: Cell) -> int | None:
-        """The fewest moves; None: no moves make the target accessible."""
+    def fewest_moves(self, obstacles: Board, target: Cell) -> tuple[int | None, int]:
+        """The fewest moves (None: no moves make the target accessible), and how many boards have been seen."""
         depth = {obstacles: 0}
         waiting = deque([obstacles])
         while waiting:
             board = waiting.popleft()
             if self.accessible(board, target):
-                return depth[board]
+                return depth[board], len(depth)
             for after in self.successors(board, target):
                 if after not in depth:
                     depth[after] = depth[board] + 1
                     waiting.append(after)
-        return None
+        return None, len(depth)
 
     def successors(self, board: Board, target: Cell) -> Iterator[Board]:
         """The boards one move away."""
         for pick in board:
             others = (board - {pick}) | {target}
             if self.accessible(others, pick):
-                for place in range(len(self.world.cells)):
-                    if place != pick and place not in others and self.accessible(others, place):
+                for place in set(self.cells) - others - {pick}:
+                    if self.accessible(others, place):
                         yield (board - {pick}) | {place}
 
+    def _blockers(self, world: World, cell: Cell, degrees: float) -> Board:
+        """The cells whose objects block an approach; all other ones where the arm itself cannot follow it."""
+        fault = partial(world.corridor_fault, cell, degrees, slack=-1e-9)
+        return frozenset(other for other in self.cells if fault(frozenset({other})))
+
     def _accessible(self, standing: Board, cell: Cell) -> bool:
-        # The program counts a sector at the very edge of an object as covered.
-        return any(self.world.corridor_fault(cell, degrees, standing, slack=-1e-9) is None for degrees in self.sectors)
+        return any(cell not in blockers and not blockers & standing for blockers in self.blockers[cell])

@@ -1,6 +1,6 @@
 """Commands that are killed, started twice, or given a disk that is full or read-only: is anything lost, or wrong?
 
-    python -m tests.trust.kills outputs/trust
+    python -m tests.trust.kills out=outputs/trust
 
 kills/rows.csv: a row a trial; `lost`: what a resumed command could not find again; `wrong`: a result that differs from
 that of a command that nothing happened to. Needs the right to mount a small disk in memory for the last of these.
@@ -8,8 +8,6 @@ that of a command that nothing happened to. Needs the right to mount a small dis
 
 from __future__ import annotations
 
-import argparse
-import csv
 import os
 import random
 import re
@@ -23,7 +21,6 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import torch
 from tqdm import tqdm
 
 from dore.errors import InputError
@@ -31,9 +28,10 @@ from dore.files import conf_dir, read_record
 from dore.learn.checkpoint import load_checkpoint, load_model
 from dore.report.measurements import write_measurements
 from dore.report.rows import read_rows
+from scripts.program import run
 from tests.commands import TINY
+from tests.learn.runs import rows_of, same
 
-TIMES = ("seconds", "env_steps_per_s", "planning_s")
 TRAIN = (*TINY, "training.max_episodes=1500", "checkpoint_minutes=0.002")
 EVALUATE = ("planner=[straight_line,learned]", "layout=3x6", "instances=z3-7", "limit=300")
 SWEEP = ("-m", "seed=0,1", *TINY, "training.max_episodes=600", "checkpoint_minutes=0.002", "hydra/launcher=basic")
@@ -84,18 +82,6 @@ def kill(process: subprocess.Popen[bytes], after_s: float) -> bool:
         return True
 
 
-def table(path: Path) -> list[dict[str, str]]:
-    """A CSV file without what a clock gave."""
-    with path.open(encoding="utf-8") as file:
-        return [{key: value for key, value in row.items() if key not in TIMES} for row in csv.DictReader(file)]
-
-
-def same_model(one: Path, other: Path) -> bool:
-    """Whether two runs ended with the same weights."""
-    (a, _), (b, _) = load_model(one), load_model(other)
-    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
-
-
 def checked(trial: Trial, judge: Callable[[], Sequence[str]]) -> Trial:
     """Add what a judge finds wrong; a file that cannot be read is lost."""
     try:
@@ -116,8 +102,8 @@ def killed_trainings(home: Path, kills: int, random_: random.Random) -> Iterator
         ended = "stop_reason" in read_record(folder / "done.json")
         return [
             *(["it did not end"] if not ended else []),
-            *(["other rows"] if table(folder / "metrics.csv") != table(home / "whole" / "metrics.csv") else []),
-            *(["other weights"] if not same_model(folder, home / "whole") else []),
+            *(["other rows"] if rows_of(folder / "metrics.csv") != rows_of(home / "whole" / "metrics.csv") else []),
+            *(["other weights"] if not same(load_model(folder), load_model(home / "whole")) else []),
         ]
 
     done, number = 0, 0
@@ -158,8 +144,8 @@ def killed_evaluations(home: Path, kills: int, random_: random.Random) -> Iterat
 
         def faults(folder: str = folder) -> list[str]:
             read_rows(home / folder / "rows.csv")
-            rows = table(home / folder / "rows.csv")
-            return ["other rows"] if rows != table(home / "whole" / "rows.csv") else []
+            rows = rows_of(home / folder / "rows.csv")
+            return ["other rows"] if rows != rows_of(home / "whole" / "rows.csv") else []
 
         done += max(here, 1)
         yield checked(trial, faults)
@@ -264,15 +250,19 @@ def bad_disks(home: Path) -> Iterator[Trial]:
         yield trial
 
 
-def main() -> None:
-    """The program."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--kills", type=int, default=50)
-    parser.add_argument("--double", type=int, default=10)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    random_, tenth = random.Random(given.seed), -(-given.kills // 10)
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows; kills, double: how many kills and double starts in all."""
+
+    out: Path
+    kills: int = 50
+    double: int = 10
+    seed: int = 0
+
+
+def main(options: Options) -> None:
+    """Make the trials and write the rows."""
+    random_, tenth = random.Random(options.seed), -(-options.kills // 10)
     trials = []
     with tempfile.TemporaryDirectory() as home:
         parts = (
@@ -280,7 +270,7 @@ def main() -> None:
             lambda at: killed_evaluations(at, 3 * tenth, random_),
             lambda at: killed_sweeps(at, 2 * tenth, random_),
             lambda at: killed_executions(at, tenth, random_),
-            lambda at: double_starts(at, given.double),
+            lambda at: double_starts(at, options.double),
             bad_disks,
         )
         for number, part in enumerate(tqdm(parts, unit="part")):
@@ -289,9 +279,9 @@ def main() -> None:
             for trial in part(at):
                 trials.append(trial)
                 print(trial, flush=True)
-    write_measurements(given.folder / "kills", [asdict(trial) for trial in trials], seed=given.seed)
+    write_measurements(options.out / "kills", [asdict(trial) for trial in trials], seed=options.seed)
     print(f"{len(trials)} trials, lost: {sum(t.lost for t in trials)}, wrong: {sum(t.wrong for t in trials)}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

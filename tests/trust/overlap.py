@@ -1,14 +1,15 @@
 """How many boards of the test split a training stands on: the splits are of the boards that episodes start from.
 
-    python -m tests.trust.overlap outputs/trust
+    python -m tests.trust.overlap out=outputs/trust
 
 overlap/rows.csv: a row a layout. Training instances, random legal moves, as a run with epsilon = 1 would make them.
 """
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -19,11 +20,12 @@ from tqdm import tqdm
 from dore.app import build
 from dore.files import conf_dir
 from dore.learn import keys
-from dore.learn.env import RearrangeEnv, Rewards
+from dore.learn.env import RearrangeEnv
 from dore.report.measurements import write_measurements
 from dore.world.generator import SPLITS, split_share
 from dore.world.reach import Reach
-from dore.world.rules import legal_places
+from scripts.program import run
+from tests.worlds import REWARDS, random_legal
 
 WORLDS = (("3x6", "z3-7"), ("6x6", "z3-8"), ("8x8", "z3-13"))
 ENVS = 1024
@@ -31,16 +33,12 @@ ENVS = 1024
 
 def boards_stood_on(reach: Reach, source: object, steps: int, seed: int) -> Iterator[tuple[Tensor, Tensor, Tensor]]:
     """(boards, targets, whether an episode starts there) of each step of random legal play; targets stay blocked."""
-    env = RearrangeEnv(reach, source, ENVS, 16, Rewards(10.0, 0.0, -1.0))  # type: ignore[arg-type]
+    env = RearrangeEnv(reach, source, ENVS, 16, REWARDS)  # type: ignore[arg-type]
     generator = torch.Generator().manual_seed(seed)
     now, starts = env.reset(), torch.ones(ENVS, dtype=torch.bool)
     for _ in range(steps // ENVS):
-        board, target, visited = now[keys.BOARD], now[keys.TARGET], now[keys.VISITED]
-        yield board, target, starts
-        pick = now[keys.LEGAL_PICK].float().multinomial(1, generator=generator).squeeze(-1)
-        places = legal_places(reach, board, target, visited, pick)
-        place = places.float().multinomial(1, generator=generator).squeeze(-1)
-        stepped, now = env.step_and_maybe_reset(now.set(keys.PICK, pick).set(keys.PLACE, place))
+        yield now[keys.BOARD], now[keys.TARGET], starts
+        stepped, now = env.step_and_maybe_reset(random_legal(env, now, generator))
         starts = stepped["next", keys.DONE].squeeze(-1)
 
 
@@ -74,19 +72,22 @@ def overlap(layout: str, instances: str, steps: int, seed: int) -> dict[str, obj
     }
 
 
-def main() -> None:
-    """The program."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--steps", type=int, default=1_000_000)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    rows = [overlap(layout, instances, given.steps, given.seed) for layout, instances in WORLDS]
-    write_measurements(given.folder / "overlap", rows, seed=given.seed)
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows; steps: how many, in each layout."""
+
+    out: Path
+    steps: int = 1_000_000
+    seed: int = 0
+
+
+def main(options: Options) -> None:
+    """Measure every layout and write the rows."""
+    rows = [overlap(layout, instances, options.steps, options.seed) for layout, instances in WORLDS]
+    write_measurements(options.out / "overlap", rows, seed=options.seed)
     for row in rows:
         print(row)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

@@ -1,6 +1,6 @@
 """Plans of every planner, layout and reach before an independent judge, and all small boards against exhaustion.
 
-    python -m tests.trust.plans outputs/trust --plans 200000
+    python -m tests.trust.plans out=outputs/trust plans=200000
 
 plans/rows.csv: a row a world and planner, with how many plans there were and how many of them are invalid.
 proofs/rows.csv: a row a small layout, reach and planner, with how many results exhaustion refutes.
@@ -8,19 +8,19 @@ proofs/rows.csv: a row a small layout, reach and planner, with how many results 
 
 from __future__ import annotations
 
-import argparse
 import itertools
+import sys
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from hydra import compose, initialize_config_dir
 from tqdm import tqdm
 
 from dore.app import build
-from dore.errors import InputError
+from dore.errors import InputError, one_of
 from dore.files import conf_dir
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
@@ -31,8 +31,10 @@ from dore.world.plan import Plan
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
+from scripts.program import run
 from tests.trust.judge import Exhaustion, World, fault
 
+Part = Literal["proofs", "plans"]
 GRIDS = ("3x6", "5x5", "6x6", "7x7", "8x8", "9x9", "10x10")
 REACHES = ("wide_hand", "paper_fit", "published", "panda_slim", "jaco")
 SHARES = {
@@ -102,7 +104,7 @@ def judge_plans(plans: int, seed: int) -> list[Count]:
     counts: list[Count] = []
     everywhere = list(worlds())
     for layout, reach_name, reach, planners in tqdm(everywhere, unit="world"):
-        world = _world(reach)
+        world = World.of_reach(reach)
         for name, planner in planners.items():
             count = Count(name, layout, reach_name)
             counts.append(count)
@@ -121,11 +123,11 @@ def judge_proofs(sizes: tuple[tuple[int, int], ...], seed: int) -> list[Count]:
     for (rows, cols), reach_name in tqdm(list(itertools.product(sizes, SMALL_REACHES)), unit="world"):
         cfg = _composed([f"reach={reach_name}"], PROVERS)
         reach = build.reach_of(cfg, "cpu", Layout.grid(rows, cols, 0.12, 0.4))
-        search = Exhaustion(_world(reach))
+        search = Exhaustion(World.of_reach(reach))
         batch = _every_board(reach)
         if not len(batch.target):
             continue
-        fewest = [search.fewest_moves(board, target) for board, target in _cells(reach, batch)]
+        fewest = [search.fewest_moves(board, target)[0] for board, target in _cells(reach, batch)]
         for name, planner in _planners(cfg, reach).items():
             count = Count(name, f"{rows}x{cols}", reach_name)
             counts.append(count)
@@ -185,27 +187,28 @@ def _cells(reach: Reach, batch: Batch) -> list[tuple[frozenset[int], int]]:
     ]
 
 
-def _world(reach: Reach) -> World:
-    return World.of(reach.layout.cells, reach.layout.cell_m, reach.to_dict())
-
-
 def _facts(plan: Plan) -> dict[str, Any]:
     moves = [(move.pick, move.place, move.pick_direction_deg, move.place_direction_deg) for move in plan.moves]
     return {**asdict(plan), "status": str(plan.status), "moves": moves}
 
 
-def main() -> None:
-    """The program."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--plans", type=int, default=200_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--parts", nargs="+", default=["proofs", "plans"], choices=["proofs", "plans"])
-    given = parser.parse_args()
-    torch.set_num_threads(1)
-    for name in given.parts:
-        counts = judge_proofs(SMALL, given.seed) if name == "proofs" else judge_plans(given.plans, given.seed)
-        write_measurements(given.folder / name, [asdict(count) for count in counts], seed=given.seed)
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows; plans: about how many; parts: proofs, plans or both."""
+
+    out: Path
+    plans: int = 200_000
+    seed: int = 0
+    parts: list[str] = field(default_factory=lambda: ["proofs", "plans"])
+
+
+def main(options: Options) -> None:
+    """Judge what is asked for and write the rows."""
+    for name in options.parts:
+        one_of("parts", name, Part)
+    for name in options.parts:
+        counts = judge_proofs(SMALL, options.seed) if name == "proofs" else judge_plans(options.plans, options.seed)
+        write_measurements(options.out / name, [asdict(count) for count in counts], seed=options.seed)
         wrong = [count for count in counts if count.invalid]
         print(f"{name}: {sum(count.plans for count in counts):,}, invalid: {sum(count.invalid for count in wrong)}")
         for count in wrong:
@@ -213,4 +216,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

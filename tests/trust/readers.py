@@ -1,6 +1,6 @@
 """Every reader of a file with mutated inputs, and nonsense that is made by rule.
 
-    python -m tests.trust.readers outputs/trust --inputs 100000 --nonsense 2000
+    python -m tests.trust.readers out=outputs/trust inputs=100000 nonsense=2000
 
 readers/rows.csv: a row a reader and kind of mutation. A traceback is any error that is not the program's own line.
 nonsense/rows.csv: a row a rule; everything that is accepted there is a fault.
@@ -8,10 +8,10 @@ nonsense/rows.csv: a row a rule; everything that is accepted there is a fault.
 
 from __future__ import annotations
 
-import argparse
 import json
 import random
 import signal
+import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Iterator
@@ -32,6 +32,7 @@ from dore.learn.checkpoint import SHIPPED, load_checkpoint, load_model, save_che
 from dore.report.measurements import write_measurements
 from dore.report.rows import Row, read_rows, write_rows
 from dore.world.files import read_plan, read_scene
+from scripts.program import run
 from tests.trust import nonsense
 
 HANG_S = 2.0
@@ -212,19 +213,23 @@ def judge_nonsense(wanted: int, seed: int) -> list[Tally]:
     return tallies
 
 
-def main() -> None:
-    """The program."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--inputs", type=int, default=100_000)
-    parser.add_argument("--nonsense", type=int, default=2_000)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
+@dataclass(frozen=True)
+class Options:
+    """out: the folder of the rows; inputs, nonsense: how many in all."""
+
+    out: Path
+    inputs: int = 100_000
+    nonsense: int = 2_000
+    seed: int = 0
+
+
+def main(options: Options) -> None:
+    """Read nonsense and mutated files, and write the rows."""
     for name, tallies in (
-        ("nonsense", judge_nonsense(given.nonsense, given.seed)),
-        ("readers", fuzz(given.inputs, given.seed)),
+        ("nonsense", judge_nonsense(options.nonsense, options.seed)),
+        ("readers", fuzz(options.inputs, options.seed)),
     ):
-        write_measurements(given.folder / name, [asdict(tally) for tally in tallies], seed=given.seed)
+        write_measurements(options.out / name, [asdict(tally) for tally in tallies], seed=options.seed)
         total = {key: sum(getattr(tally, key) for tally in tallies) for key in list(asdict(tallies[0]))[2:-1]}
         print(f"{name}: {total}")
         for tally in tallies:
@@ -233,4 +238,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run(main, Options))

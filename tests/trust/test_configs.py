@@ -24,6 +24,8 @@ from tests.trust.configs import Case, keys_of, run_case
         ("evaluate", "planners.learned.max_moves", "1000000000", "refused"),
         ("evaluate", "threads", "1000000000", "refused"),
         ("plan", "out", "[]", "refused"),
+        ("execute", "limits.max_moves", "abc", "refused"),
+        ("execute", "jitter_m", "0", "accepted"),
     ],
 )
 def test_nonsense_in_a_key(command: str, key: str, value: str, outcome: str, tmp_path: Path) -> None:

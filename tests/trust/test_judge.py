@@ -14,7 +14,7 @@ from tests.trust.judge import Exhaustion, World, fault
 
 LAYOUT = Layout.grid(3, 3, 0.12)
 REACH = Reach(LAYOUT, 0.106, 30.0, 61, staging_m=0.07, lateral_limit_m=0.3, max_yaw_deg=60.0)
-WORLD = World.of(LAYOUT.cells, LAYOUT.cell_m, REACH.to_dict())
+WORLD = World.of_reach(REACH)
 BOARD, TARGET = frozenset({1, 4}), 7
 PLAN: dict[str, Any] = {
     "status": "solved",
@@ -54,8 +54,8 @@ def test_a_corridor_that_the_arm_cannot_follow(limit: dict[str, float]) -> None:
 
 
 def test_exhaustion_finds_the_fewest_moves() -> None:
-    assert Exhaustion(WORLD).fewest_moves(BOARD, TARGET) == 2
-    assert Exhaustion(WORLD).fewest_moves(frozenset(range(9)) - {TARGET}, TARGET) is None
+    assert Exhaustion(WORLD).fewest_moves(BOARD, TARGET)[0] == 2
+    assert Exhaustion(WORLD).fewest_moves(frozenset(range(9)) - {TARGET}, TARGET)[0] is None
 
 
 def test_all_boards_of_2_x_3_against_exhaustion() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from dataclasses import asdict, dataclass, field
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dore.files import atomic_write
+from dore.files import write_record
 from dore.sim.frames import turned
 from dore.sim.motion.outcome import Outcome
 from dore.sim.motion.rehearsal import MoveTask
@@ -87,10 +86,7 @@ class ExecutionReport:
         Raises:
             OSError: the disk is full or read-only.
         """
-        with atomic_write(path) as file:
-            fields = {"format": REPORT_FORMAT, "success": self.success, **asdict(self)}
-            json.dump(fields, file, indent=2)
-            file.write("\n")
+        write_record(path, {"format": REPORT_FORMAT, "success": self.success, **asdict(self)})
 
 
 class MoveMeter:
