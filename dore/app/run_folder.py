@@ -24,6 +24,7 @@ from dore.errors import InputError, path_of
 from dore.files import (
     ABOUT_FILE,
     CONFIG_FILE,
+    CURVE_FILE,
     DONE_FILE,
     METRICS_FILE,
     atomic_write,
@@ -44,6 +45,8 @@ LEARNING = (
 """The keys of a run's config that say what it learns, beside `worlds`, which runs of version 0.1 do not have."""
 BUDGET_KEYS = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
 """Those of its budget, which alone may change when it is resumed."""
+_WRITTEN = (CONFIG_FILE, ABOUT_FILE, METRICS_FILE, DONE_FILE, CURVE_FILE, "tensorboard", "wandb")
+"""What a training writes, beside its models and its checkpoint."""
 _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
@@ -101,10 +104,11 @@ def clear_unstarted(folder: Path) -> None:
     """
     if not folder.is_dir() or (folder / CHECKPOINT).exists():
         return
-    # Killed while it wrote its first file, it has left that file's temporary one. What is not a run's stays.
-    own = {CONFIG_FILE, ABOUT_FILE, METRICS_FILE, "tensorboard"}
     with locked(folder, "run_dir"):
-        if all(path.name in own or path.suffix == ".tmp" for path in folder.iterdir()):
+        left = list(folder.iterdir())
+        # Killed while it wrote its first file, it has left that file's temporary one. What is not a run's stays.
+        begun = (folder / CONFIG_FILE).exists() or all(path.suffix == ".tmp" for path in left)
+        if begun and all(path.name in _WRITTEN or path.suffix in (".tmp", ".safetensors") for path in left):
             shutil.rmtree(folder)
 
 

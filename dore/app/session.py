@@ -21,13 +21,12 @@ from dore.app.metrics import MetricsLog
 from dore.app.run_folder import CHECKPOINT, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
-from dore.files import METRICS_FILE
+from dore.files import CURVE_FILE, METRICS_FILE
 from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, ipt_of, save_checkpoint, save_model
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
 from dore.memory import memory_for
 
-CURVE = "learning_curve.png"
 PRINT_S = 30.0
 """Seconds between two lines of progress where there is no terminal to draw a bar on."""
 
@@ -96,7 +95,7 @@ class Session:
             self.bar.close()
         self._conclude(reason)
         if self.trainer.progress.env_steps and self.metrics.path.exists():
-            draw_learning_curve(self.folder / METRICS_FILE, self.folder / CURVE)
+            draw_learning_curve(self.folder / METRICS_FILE, self.folder / CURVE_FILE)
         return reason
 
     def _conclude(self, reason: StopReason) -> None:

@@ -10,10 +10,10 @@ from omegaconf import DictConfig
 
 from dore.app import run_folder
 from dore.app.run_folder import CHECKPOINT
-from dore.app.session import CURVE, Session
+from dore.app.session import Session
 from dore.app.training import trainer_of
 from dore.errors import ExitCode, InputError, path_of
-from dore.files import DONE_FILE, METRICS_FILE, locked
+from dore.files import CURVE_FILE, DONE_FILE, METRICS_FILE, locked
 from dore.learn.checkpoint import load_checkpoint
 from dore.learn.trainer import Diverged, StopReason, Trainer
 from dore.memory import NotEnoughMemory
@@ -111,7 +111,7 @@ def _run(session: Session) -> int:
         return ExitCode.OK
     success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
     print(f"{reason}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
-    print(f"model, {METRICS_FILE} and {CURVE} are in {folder}")
+    print(f"model, {METRICS_FILE} and {CURVE_FILE} are in {folder}")
     return ExitCode.OK
 
 

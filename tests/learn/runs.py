@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -44,8 +46,9 @@ def same(a: object, b: object) -> bool:
     return a == b or (a != a and b != b)
 
 
-def stopped_and_resumed(folder: Path, common: list[str], iteration: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The last checkpoints of a run in folder/whole, and of one in folder/parts that Ctrl-C stopped once."""
+@contextmanager
+def ctrl_c_at(iteration: int) -> Iterator[None]:
+    """Trainings in the block are stopped after an iteration."""
     report = session.Session._report
 
     def interrupted(self, progress, tested):
@@ -53,9 +56,15 @@ def stopped_and_resumed(folder: Path, common: list[str], iteration: int) -> tupl
         if progress.iteration == iteration:
             self._ask_to_stop(signal.SIGINT, None)
 
-    assert run("train", [*common, f"run_dir={folder / 'whole'}"]) == 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(session.Session, "_report", interrupted)
+        yield
+
+
+def stopped_and_resumed(folder: Path, common: list[str], iteration: int) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The last checkpoints of a run in folder/whole, and of one in folder/parts that Ctrl-C stopped once."""
+    assert run("train", [*common, f"run_dir={folder / 'whole'}"]) == 0
+    with ctrl_c_at(iteration):
         assert run("train", [*common, f"run_dir={folder / 'parts'}"]) == 130
     assert run("train", [f"resume={folder / 'parts'}"]) == 0
     whole, parts = (load_checkpoint(folder / name / "checkpoint.pt") for name in ("whole", "parts"))

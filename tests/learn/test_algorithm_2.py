@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 
 import pytest
 import torch
@@ -13,7 +12,7 @@ from dore.errors import InputError
 from dore.learn.checkpoint import BEST_NAME, load_checkpoint, load_model
 from dore.learn.trainer import MAIN
 from tests.commands import run
-from tests.learn.runs import LITERAL, key_of, literal, metrics, same
+from tests.learn.runs import LITERAL, ctrl_c_at, key_of, literal, metrics, same
 
 
 @pytest.mark.parametrize("unit", ["episode", "step"])
@@ -69,18 +68,10 @@ def test_the_last_model_is_returned_and_the_best_lies_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize("stop_at", [2, 7, 10, 12])
-def test_stopped_while_it_fills_or_learns_it_resumes_as_if_it_had_not(tmp_path, stop_at, monkeypatch):
-    report = session.Session._report
-
-    def interrupted(self, progress, tested):
-        report(self, progress, tested)
-        if progress.iteration == stop_at:
-            self._ask_to_stop(signal.SIGINT, None)
-
+def test_stopped_while_it_fills_or_learns_it_resumes_as_if_it_had_not(tmp_path, stop_at):
     common = ["experiment=paper/sequential", *LITERAL, "env.num_envs=20", "ipt.every_episodes=7"]
     assert run("train", [*common, f"run_dir={tmp_path / 'whole'}"]) == 0
-    with monkeypatch.context() as patch:
-        patch.setattr(session.Session, "_report", interrupted)
+    with ctrl_c_at(stop_at):
         assert run("train", [*common, f"run_dir={tmp_path / 'parts'}"]) == 130
     stopped = load_checkpoint(tmp_path / "parts" / "checkpoint.pt")
     assert (stopped["progress"]["updates"] == 0) == (stop_at == 2)

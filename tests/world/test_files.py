@@ -13,7 +13,6 @@ import torch
 
 from dore.errors import InputError
 from dore.files import atomic_write
-from dore.world import files as plan_files
 from dore.world.files import read_plan, read_scene, write_plan
 from dore.world.layout import Layout
 from dore.world.plan import Plan, PlanError, PlanFile, Status
@@ -214,7 +213,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(path: Path, monkeyp
     monkeypatch.setattr(os, "fsync", full_disk)
     with pytest.raises(OSError, match="No space"):
         write_plan(path, FILE)
-    monkeypatch.setattr(plan_files.json, "dump", full_disk)
+    monkeypatch.setattr(json, "dump", full_disk)
     with pytest.raises(OSError, match="No space"):
         write_plan(path.with_name("other.json"), FILE)
     assert path.read_bytes() == before
