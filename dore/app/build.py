@@ -25,22 +25,7 @@ def reach_of(config: Mapping[str, Any], device: str, layout: Layout | None = Non
     """The accessibility check of a layout, the config's unless one is given."""
     layout = layout or make(config.get("layout"), "layout")
     reach: Reach = make(config.get("reach"), "reach", layout=layout)
-    return reach.to(device_of(device))
-
-
-def device_of(name: str) -> torch.device:
-    """A device that is there.
-
-    Raises:
-        InputError: no such device on this machine.
-    """
-    try:
-        device = torch.device(name)
-    except (RuntimeError, TypeError):
-        raise InputError(f"device: got {name!r}, want cpu, cuda or cuda:N") from None
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        raise InputError(f"device: {name!r} is not on this machine, which has {torch.cuda.device_count()} CUDA devices")
-    return device
+    return reach.to(device)
 
 
 def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:

@@ -163,19 +163,35 @@ def changes() -> list[str]:
     return [change for change in HydraConfig.get().overrides.task if not change.startswith(("resume=", "trust="))]
 
 
+def learning_keys(cfg: DictConfig) -> dict[str, Any]:
+    """Every dotted key that says what a run learns and how, but for its budget; a checkpoint holds them too."""
+    plain = OmegaConf.to_container(OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True)))  # As a file holds them.
+    learns = {name: node for name, node in cast(dict[str, Any], plain).items() if name in (*LEARNING, "worlds")}
+    return {key: value for key, value in leaves(renamed(learns)) if key not in BUDGET_KEYS}
+
+
 def check_same(folder: Path, cfg: DictConfig) -> None:
-    """The run in a folder learns as `cfg` says, but for its budget; keys that it does not know are newer than it.
+    """The run in a folder learns as `cfg` says, but for its budget.
 
     Raises:
         InputError: it does not, or is damaged; names the first key that differs.
     """
-    given = OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True))  # By way of a file, as the run's own.
-    was, now = dict(leaves(read_config(folder, LEARNING))), dict(leaves(cast(DictConfig, given)))
+    check_learns(f"run_dir: {folder}", learning_keys(read_config(folder, LEARNING)), learning_keys(cfg))
+
+
+def check_learns(who: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Two sets of `learning_keys` agree; keys that `was` does not know are newer than it.
+
+    Args:
+        who: what was started as `was` says.
+
+    Raises:
+        InputError: they do not; names the first key that differs.
+    """
     added = [key for key in now if key.startswith("worlds.") and key not in was]
     for key in (*was, *added):
-        learns = key.split(".")[0] in (*LEARNING, "worlds") and key not in BUDGET_KEYS
-        if learns and now.get(key) != was.get(key):
-            raise InputError(f"run_dir: {folder} was started with {key}={was.get(key)}, not {now.get(key)}")
+        if now.get(key) != was.get(key):
+            raise InputError(f"{who} was started with {key}={was.get(key)}, not {now.get(key)}")
 
 
 def mark_done(folder: Path, result: Mapping[str, Any]) -> None:

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from dore.app.build import MODEL
 from dore.app.metrics import MetricsLog
-from dore.app.run_folder import CHECKPOINT, mark_done
+from dore.app.run_folder import CHECKPOINT, learning_keys, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import CURVE_FILE, METRICS_FILE
@@ -53,6 +53,7 @@ class Session:
         self.capacity: int = cfg.buffer.storage.max_size
         self.checkpoint_s = 60 * cfg.checkpoint_minutes
         plain = cast(dict[str, Any], OmegaConf.to_container(cfg, resolve=True))
+        self.learns = learning_keys(cfg)
         self.model_config = {name: plain[name] for name in (*MODEL, "seed")}
         progress = trainer.progress
         self._mark = (time.perf_counter(), progress.env_steps)
@@ -195,7 +196,7 @@ class Session:
     def _save_checkpoint(self) -> None:
         self.trainer.check_weights()
         with memory_for("buffer.storage.max_size", self.capacity):
-            save_checkpoint(self.folder / CHECKPOINT, self.trainer.state_dict())
+            save_checkpoint(self.folder / CHECKPOINT, {**self.trainer.state_dict(), "learns": self.learns})
         if self.trainer.budget.keep == "last":
             self._save_model(MODEL_NAME)
         self._saved_at = time.perf_counter()

@@ -49,7 +49,7 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
     """Resume a run from its checkpoint, under a config that differs from its own in the budget alone."""
     with locked(folder, "resume"):
         trainer = trainer_of(cfg)
-        _load(trainer, folder / CHECKPOINT)
+        _load(trainer, folder / CHECKPOINT, cfg)
         if trainer.spent() and (folder / DONE_FILE).exists():
             done = trainer.progress
             used = f"{done.episodes} episodes and {done.seconds:.0f} s"
@@ -60,8 +60,10 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
         return _run(Session(trainer, folder, cfg, resumed=True))
 
 
-def _load(trainer: Trainer, checkpoint: Path) -> None:
+def _load(trainer: Trainer, checkpoint: Path, cfg: DictConfig) -> None:
     state = load_checkpoint(checkpoint)
+    # Those of version 0.1 do not say.
+    run_folder.check_learns(str(checkpoint), state.get("learns", {}), run_folder.learning_keys(cfg))
     try:
         trainer.load_state_dict(state)
     except NotEnoughMemory:

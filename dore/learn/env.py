@@ -12,6 +12,7 @@ from torchrl.envs import EnvBase
 
 from dore.errors import InputError, number, shown, whole
 from dore.learn import keys
+from dore.world.board import check_boards
 from dore.world.episode import MAX_MOVES, Episodes, advance, begin, resumed
 from dore.world.generator import InstanceSource
 from dore.world.reach import Reach
@@ -70,6 +71,9 @@ class RearrangeEnv(EnvBase):
         num_envs = whole("env.num_envs", num_envs, 1, at_most=MAX_ENVS)
         max_moves = whole("env.max_moves", max_moves, 1, at_most=MAX_MOVES)
         super().__init__(device=reach.device, batch_size=torch.Size([num_envs]))
+        if not isinstance(source, InstanceSource) or not source.reach.same_as(reach):
+            got = f"instances of {source.reach}" if isinstance(source, InstanceSource) else shown(source)
+            raise InputError(f"env.source: got {got}, want a source of instances of the env's reach, {reach}")
         self.reach = reach
         self.source = source
         self.max_moves = max_moves
@@ -221,8 +225,26 @@ class RearrangeEnv(EnvBase):
         return {**state, **{f"source.{name}": value for name, value in self.source.state_dict().items()}}
 
     def load_state_dict(self, state_dict: dict[str, Tensor]) -> None:  # type: ignore[override]
-        """Continue as the environment whose `state_dict` this is."""
-        names = ("board", "target", "visited", "moves")
-        self._episodes = resumed(self.reach, *(state_dict[name].to(self.device, copy=True) for name in names))
+        """Continue as the environment whose `state_dict` this is.
+
+        Raises:
+            InputError: a part is missing, or is not one of an environment of this size, layout and step limit.
+        """
+        state = {name: self._part(state_dict, name) for name in ("board", "target", "visited", "moves")}
+        check_boards("env.state_dict: board", state["board"], state["target"], self.reach.n_cells)
         source = {name.removeprefix("source."): value for name, value in state_dict.items() if "." in name}
         self.source.load_state_dict(source)
+        self._episodes = resumed(self.reach, *state.values())
+
+    def _part(self, state_dict: dict[str, Tensor], name: str) -> Tensor:
+        """A copy of one tensor of a saved state."""
+        specs = {**self.observation_spec, "moves": Bounded(0, self.max_moves + 1, self.batch_size, dtype=torch.int64)}
+        part, spec = state_dict.get(name), specs[name]
+        if not isinstance(part, Tensor) or (part.dtype, part.shape) != (spec.dtype, spec.shape):
+            got = f"{part.dtype}{list(part.shape)}" if isinstance(part, Tensor) else shown(part)
+            raise InputError(f"env.state_dict: {name}: got {got}, want {spec.dtype}{list(spec.shape)} of this env")
+        copied = part.to(self.device, copy=True)
+        if not spec.is_in(copied):
+            wanted = f"{int(spec.space.low.min())} to {int(spec.space.high.max())}"
+            raise InputError(f"env.state_dict: {name}: got {int(part.min())} to {int(part.max())}, want {wanted}")
+        return copied

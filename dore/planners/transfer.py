@@ -28,6 +28,8 @@ from dore.world.reach import Reach
 
 NUM_ENVS = 512
 """Episodes of the one instance that are played at once: what exploring finds is the bottleneck, and it is cheap."""
+ROUND_S = 4e-7
+"""A round of this many seconds for each environment and each pair of cells, at most: measured on 10 x 10 at 45 %."""
 TEST_EVERY = 16
 """Episodes between two tests (Algorithm 1: one)."""
 
@@ -47,7 +49,7 @@ class Transfer(Planner):
         model: a run directory or a model file; None: the one in the package.
         max_moves: step limit of an episode.
         max_episodes: T_lim, for one instance.
-        max_seconds: of learning, for one instance.
+        max_seconds: of learning, for one instance. The fewer they are, the fewer episodes are played at once.
         epsilon: share of random choices while learning.
         lr: of Adam.
         batch_size: transitions an update.
@@ -82,16 +84,19 @@ class Transfer(Planner):
         self.lr = number("planners.transfer.lr", lr, above=0.0, at_most=10.0)
         number("planners.transfer.epsilon", epsilon, above=0.0, at_most=1.0)
         self.epsilon = LinearEpsilon(epsilon, epsilon, anneal_steps=1)
+        max_seconds = number("planners.transfer.max_seconds", max_seconds, above=0.0, at_most=1e7)
+        # The clock is looked at between rounds, which take a twentieth of the seconds at most.
+        self.num_envs = max(8, min(NUM_ENVS, int(max_seconds / 20 / ROUND_S / reach.n_cells**2)))
         self.budget = Budget(
             min_episodes=0,
             max_episodes=max_episodes,
-            max_minutes=number("planners.transfer.max_seconds", max_seconds, above=0.0, at_most=1e7) / 60,
+            max_minutes=max_seconds / 60,
             batch_size=batch_size,
             update_after="round",
             updates=4,
             fill=0,
             keep="last",
-            learning_starts=2 * NUM_ENVS,
+            learning_starts=2 * self.num_envs,
             max_grad_norm=10.0,
             averaging=None,
             precision="float32",
@@ -135,7 +140,7 @@ class Transfer(Planner):
 
     def _trainer(self, agent: Agent, memory: InstanceMemory) -> Trainer:
         rewards = Rewards(solved=10.0, unfinished=0.0, failed=-1.0)
-        env = RearrangeEnv(self.reach, Returning(memory, self.seed), NUM_ENVS, self.max_moves, rewards)
+        env = RearrangeEnv(self.reach, Returning(memory, self.seed), self.num_envs, self.max_moves, rewards)
         evaluator = PerformanceTest(memory.instance, 1, 1, 1.0, TEST_EVERY, self.max_moves, self.seed)
         # Starts the targets from the base weights too.
         targets = SoftUpdate(agent.loss, tau=0.1)

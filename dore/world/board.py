@@ -10,6 +10,8 @@ from functools import cache
 import torch
 from torch import Tensor
 
+from dore.errors import InputError, shown
+
 WORD = 64
 
 
@@ -72,3 +74,48 @@ def state(board: Tensor, target: Tensor, n_cells: int) -> Tensor:
 def same(a: Tensor, b: Tensor) -> Tensor:
     """Bool[...]: whether Int64[..., W] boards are equal (the leading shapes broadcast)."""
     return (a == b).all(-1)
+
+
+def integers(name: str, values: object, device: torch.device) -> Tensor:
+    """A copy of integers of any width, of torch or NumPy, as Int64.
+
+    Raises:
+        InputError: they are something else.
+    """
+    if not hasattr(values, "dtype"):
+        raise InputError(f"{name}: got {shown(values)}, want an array of integers")
+    found = torch.as_tensor(values)
+    if found.is_floating_point() or found.is_complex() or found.dtype == torch.bool:
+        raise InputError(f"{name}: got {found.dtype}, want integers")
+    return found.to(device, torch.int64, copy=True)
+
+
+def check_boards(name: str, board: Tensor, target: Tensor, n_cells: int) -> None:
+    """Refuse what are no boards Int64[N, W] and targets Int64[N] of a layout of `n_cells`.
+
+    Raises:
+        InputError: another shape, cells off the board, or a target among the obstacles; names the first one.
+    """
+    words = n_words(n_cells)
+    if target.ndim != 1 or board.shape != (len(target), words):
+        raise InputError(
+            f"{name}: got boards {list(board.shape)} and targets {list(target.shape)}, want [N, {words}] and [N]"
+        )
+    on_board = (target >= 0) & (target < n_cells)
+    faults = {
+        "an obstacle off the board": count(board) != unpack(board, n_cells).sum(-1),
+        "a target off the board": ~on_board,
+        "the target among the obstacles": contains(board, torch.where(on_board, target, 0)),
+    }
+    refuse_first(name, faults)
+
+
+def refuse_first(name: str, faults: dict[str, Tensor]) -> None:
+    """Nothing, unless a row of Bool[N] is true.
+
+    Raises:
+        InputError: names the first such row, and what it has.
+    """
+    for why, broken in faults.items():
+        if bool(broken.any()):
+            raise InputError(f"{name}: number {int(broken.nonzero()[0, 0]) + 1} has {why}")

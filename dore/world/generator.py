@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from dore.errors import InputError, whole
+from dore.errors import InputError, seed_of, whole
 from dore.world.board import pack, unpack
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -56,10 +56,17 @@ class Difficulty:
 
 
 class InstanceSource:
-    """Where an environment's episodes come from; its choices are those of a generator of its own."""
+    """Where an environment's episodes come from; its choices are those of a generator of its own.
 
-    def __init__(self, seed: int, device: torch.device | str = "cpu") -> None:
-        self.generator = torch.Generator(device).manual_seed(seed)
+    Args:
+        reach: what the instances are blocked under.
+        seed: of the generator.
+        device: the generator's.
+    """
+
+    def __init__(self, reach: Reach, seed: int, device: torch.device | str = "cpu") -> None:
+        self.reach = reach
+        self.generator = torch.Generator(device).manual_seed(seed_of("instances.seed", seed))
 
     def draw(self, n: int) -> Batch:
         """The next `n` instances."""
@@ -67,7 +74,7 @@ class InstanceSource:
 
     def seed(self, seed: int) -> None:
         """Start over from `seed`."""
-        self.generator.manual_seed(seed)
+        self.generator.manual_seed(seed_of("instances.seed", seed))
 
     def state_dict(self) -> dict[str, Tensor]:
         """All that `draw` depends on."""
@@ -82,11 +89,10 @@ class FreshInstances(InstanceSource):
     """Draws new boards of one split, as many as are wanted, on the reach's device."""
 
     def __init__(self, reach: Reach, difficulty: Difficulty, split: str, seed: int) -> None:
-        super().__init__(seed, reach.device)
+        super().__init__(reach, seed, reach.device)
         difficulty.check_fits(reach.n_cells)
         if split not in SPLITS:
             raise InputError(f"instances.split: got {split!r}, want one of {', '.join(SPLITS)}")
-        self.reach = reach
         self.difficulty = difficulty
         self.split = split
         self._left = Batch(

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, seed_of, whole
-from dore.world.board import contains, count, unpack
+from dore.world.board import check_boards, integers, refuse_first, unpack
 from dore.world.generator import PATIENCE, Difficulty, FreshInstances, InstanceSource
 from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
@@ -38,34 +38,24 @@ def random_problem(reach: Reach, difficulty: Difficulty, seed: int) -> Problem:
 
 
 class InstanceSet:
-    """A fixed, unique set of instances of one reach.
+    """A fixed set of different instances of one reach.
+
+    Args:
+        board: Int64[N, W], integers of NumPy and of other widths too; copied.
+        target: Int64[N], likewise.
 
     Raises:
-        InputError: cells off the board, a target among the obstacles, or one that is accessible at the start.
+        InputError: cells off the board, a target among the obstacles or accessible at the start, or an instance twice.
     """
 
     def __init__(self, reach: Reach, board: Tensor, target: Tensor) -> None:
-        if not isinstance(board, Tensor) or not isinstance(target, Tensor):
-            raise InputError(
-                f"instances: got {type(board).__name__} and {type(target).__name__}, want tensors of torch"
-            )
-        fits = target.ndim == 1 and board.shape == (len(target), reach.n_words)
-        if not fits or board.dtype != torch.int64 or target.dtype != torch.int64:
-            raise InputError(
-                f"instances: got {board.dtype}{list(board.shape)} boards, {target.dtype}{list(target.shape)} targets, "
-                f"want Int64[N, {reach.n_words}] and Int64[N]"
-            )
-        on_board = (target >= 0) & (target < reach.n_cells)
-        cell = torch.where(on_board, target, 0)
+        board, target = integers("instances", board, reach.device), integers("instances", target, reach.device)
+        check_boards("instances", board, target, reach.n_cells)
         faults = {
-            "an obstacle off the board": count(board) != unpack(board, reach.n_cells).sum(-1),
-            "a target off the board": ~on_board,
-            "the target among the obstacles": on_board & contains(board, cell),
-            "nothing to rearrange": on_board & retrievable(reach, board, cell),
+            "nothing to rearrange": retrievable(reach, board, target),
+            "the board and the target of an earlier one": _repeats(torch.cat([board, target[:, None]], -1)),
         }
-        for why, broken in faults.items():
-            if bool(broken.any()):
-                raise InputError(f"instances: number {int(broken.nonzero()[0, 0]) + 1} has {why}")
+        refuse_first("instances", faults)
         self.reach = reach
         self.board = board
         self.target = target
@@ -86,8 +76,8 @@ class InstanceSet:
         return InstanceSet(self.reach, *self.batch(slice(n)))
 
     def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
-        """The instances of those rows."""
-        return Batch(self.board[rows], self.target[rows])
+        """A copy of the instances of those rows."""
+        return Batch(self.board[rows].clone(), self.target[rows].clone())
 
     @classmethod
     def generate(cls, reach: Reach, n: int, difficulty: Difficulty, split: str, seed: int) -> InstanceSet:
@@ -121,7 +111,7 @@ class FixedInstances(InstanceSource):
     """
 
     def __init__(self, instances: InstanceSet, seed: int) -> None:
-        super().__init__(seed)
+        super().__init__(instances.reach, seed)
         stuck = ~has_move(instances.reach, instances.board, instances.target)
         if bool(stuck.any()):
             raise InputError(f"instances: number {int(stuck.nonzero()[0, 0]) + 1} has no legal first move")
@@ -135,12 +125,18 @@ class FixedInstances(InstanceSource):
 
 def _first_of_each(rows: Tensor) -> Tensor:
     """The different rows of Int64[N, K], each where it first stood."""
-    if not len(rows):
-        return rows
-    _, group = rows.unique(dim=0, return_inverse=True)
-    place = torch.arange(len(rows), device=rows.device)
-    first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device).scatter_reduce(0, group, place, "amin")
-    return rows[first.sort().values]
+    return rows[~_repeats(rows)]
+
+
+def _repeats(rows: Tensor) -> Tensor:
+    """Bool[N]: which of Int64[N, K] rows stand further up already."""
+    repeats = torch.ones(len(rows), dtype=torch.bool, device=rows.device)
+    if len(rows):
+        _, group = rows.unique(dim=0, return_inverse=True)
+        place = torch.arange(len(rows), device=rows.device)
+        first = torch.full((int(group.max()) + 1,), len(rows), device=rows.device)
+        repeats[first.scatter_reduce(0, group, place, "amin")] = False
+    return repeats
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,11 @@ class Layout:
                 f"layout.cells: the centres of cells {one + 1} and {other + 1} are {gap:.3g} m apart, "
                 f"want {OBJECT_M:g} m or more, so that objects on both do not touch"
             )
+        if gap < self.cell_m / math.sqrt(2) - 1e-9:
+            raise InputError(
+                f"layout.cell_m: got {self.cell_m:g}, and the centres of cells {one + 1} and {other + 1} are "
+                f"{gap:.3g} m apart, want {gap * math.sqrt(2):.3g} m at most, so that cells do not overlap"
+            )
 
     @classmethod
     def grid(cls, rows: int, cols: int, cell_m: float, front_m: float | None = None) -> Layout:

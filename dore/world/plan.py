@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
-from dore.errors import InputError, integer, shown
+from dore.errors import InputError, integer, number, shown, whole
 from dore.world.problem import Problem, Scene, cell_id
 from dore.world.reach import EDGE_RAD, Reach
 
@@ -69,16 +69,33 @@ class Plan:
     reason: str = ""
 
     def __post_init__(self) -> None:
+        self._check_types()
         if (self.status is Status.SOLVED) != (self.target_direction_deg is not None):
             raise InputError(f"plan: status {self.status} and target direction {self.target_direction_deg}")
         if self.status is Status.UNSOLVABLE and (self.moves or self.optimal_moves is not None):
             raise InputError(f"plan: status {self.status} with {len(self.moves)} moves, want none, and no optimum")
-        if self.optimal_moves is not None and self.optimal_moves < 0:
-            raise InputError(f"plan.optimal_moves: got {self.optimal_moves}, want 0 or more")
         if self.status is Status.SOLVED and (self.optimal_moves or 0) > len(self.moves):
             raise InputError(
                 f"plan.optimal_moves: got {self.optimal_moves}, and the plan has {len(self.moves)} moves, want no fewer"
             )
+
+    def _check_types(self) -> None:
+        """Refuse what no plan file could hold; numbers of NumPy and torch become Python's."""
+        if not isinstance(self.status, Status):
+            raise InputError(f"plan.status: got {shown(self.status)}, want a Status")
+        if not isinstance(self.moves, tuple) or not all(isinstance(move, Move) for move in self.moves):
+            raise InputError(f"plan.moves: got {shown(self.moves)}, want a tuple of Move")
+        for name in ("planner", "reason"):
+            if not isinstance(getattr(self, name), str):
+                raise InputError(f"plan.{name}: got {shown(getattr(self, name))}, want text")
+        numbers = {
+            "planning_s": number("plan.planning_s", self.planning_s, above=-1e-12),
+            "expansions": whole("plan.expansions", self.expansions, 0),
+        }
+        if self.optimal_moves is not None:
+            numbers["optimal_moves"] = whole("plan.optimal_moves", self.optimal_moves, 0)
+        for name, value in numbers.items():
+            object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,6 +19,8 @@ from dore.world.reach import Reach
 class Scene:
     """Where the obstacles and the target stand. Cells count from 0; integers and arrays of NumPy and torch will do.
 
+    obstacles: kept in ascending order.
+
     Raises:
         InputError: no whole number, a cell off the board, two objects on a cell, or the target among the obstacles.
     """
@@ -28,10 +30,11 @@ class Scene:
     target: int
 
     def __post_init__(self) -> None:
-        if not isinstance(self.obstacles, Iterable) or getattr(self.obstacles, "ndim", 1) != 1:
+        loose = not isinstance(self.obstacles, Iterable) or isinstance(self.obstacles, str | bytes | Mapping)
+        if loose or getattr(self.obstacles, "ndim", 1) != 1:
             raise InputError(f"scene.obstacles: got {shown(self.obstacles)}, want a list of cells")
-        cells = tuple(_cell("obstacles", cell, self.layout) for cell in self.obstacles)
-        object.__setattr__(self, "obstacles", cells)
+        cells = sorted(_cell("obstacles", cell, self.layout) for cell in self.obstacles)
+        object.__setattr__(self, "obstacles", tuple(cells))
         object.__setattr__(self, "target", _cell("target", self.target, self.layout))
         for cell in self.obstacles:
             if self.obstacles.count(cell) > 1:

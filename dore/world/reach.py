@@ -101,11 +101,23 @@ class Reach:
         return self.blockers.device
 
     def to(self, device: torch.device | str) -> Reach:
-        """The same reach with its table on `device`."""
-        moved = copy.copy(self)
+        """The same reach with its table on `device`.
+
+        Raises:
+            InputError: no such device.
+        """
+        moved, device = copy.copy(self), device_of(device)
         tensors = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
         vars(moved).update(tensors)
         return moved
+
+    def same_as(self, other: Reach) -> bool:
+        """Whether both judge the same cells alike."""
+        return self.layout.coincides(other.layout) and self.to_dict() == other.to_dict()
+
+    def __str__(self) -> str:
+        """As messages name it."""
+        return f"{self.layout} with a clearance of {self.clearance_m:g} m"
 
     def accessible(self, occupied: Tensor) -> Tensor:
         """Which cells a hand can get to, each cell judged with itself taken off the board.
@@ -124,7 +136,13 @@ class Reach:
         return self.accessible_packed(boards.pack(occupied))
 
     def accessible_packed(self, board: Tensor) -> Tensor:
-        """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]; a loop over D, so no (B, G, D) temporary."""
+        """`accessible` for packed boards: Int64[B, W] -> Bool[B, G]; a loop over D, so no (B, G, D) temporary.
+
+        Raises:
+            InputError: other boards, as of 32 bits, which would lose cells.
+        """
+        if board.dtype != torch.int64 or board.shape[1:] != (self.n_words,):
+            raise InputError(f"board: got {board.dtype}{list(board.shape)}, want Int64[B, {self.n_words}]")
         words = [word[:, None] for word in board.unbind(-1)]
         free = torch.zeros(len(board), self.n_cells, dtype=torch.bool, device=board.device)
         for mask in self.blocking_sets.unbind(0):
@@ -209,3 +227,18 @@ class Reach:
             kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
         most = max(len(sets) for sets in kept)
         return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept], 1)
+
+
+def device_of(name: torch.device | str) -> torch.device:
+    """A device that is there.
+
+    Raises:
+        InputError: no such device on this machine.
+    """
+    try:
+        device = torch.device(name)
+    except (RuntimeError, TypeError):
+        raise InputError(f"device: got {name!r}, want cpu, cuda or cuda:N") from None
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        raise InputError(f"device: {name!r} is not on this machine, which has {torch.cuda.device_count()} CUDA devices")
+    return device

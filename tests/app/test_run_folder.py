@@ -33,6 +33,25 @@ def test_a_folder_that_is_there_is_resumed(tmp_path, capsys):
     assert (folder / "metrics.csv").exists()
 
 
+def test_a_checkpoint_goes_with_no_other_config(tmp_path, capsys):
+    """Neither with an edited one, nor with that of another run."""
+    folder, other = tmp_path / "run", tmp_path / "other"
+    assert run("train", [*TINY, f"run_dir={folder}"]) == 0
+    assert run("train", [*TINY, f"run_dir={other}", "seed=7"]) == 0
+    more = [f"resume={folder}", "training.max_episodes=190"]
+    config, checkpoint = (folder / name for name in ("config.yaml", "checkpoint.pt"))
+    own, kept = config.read_text(encoding="utf-8"), checkpoint.read_bytes()
+    config.write_text(own.replace("gamma: 0.8", "gamma: 0.7"), encoding="utf-8")
+    assert run("train", more) == 2
+    assert f"{checkpoint} was started with agent.gamma=0.8, not 0.7" in capsys.readouterr().err
+    config.write_text(own, encoding="utf-8")
+    checkpoint.write_bytes((other / "checkpoint.pt").read_bytes())
+    assert run("train", more) == 2
+    assert f"{checkpoint} was started with seed=7, not" in capsys.readouterr().err
+    checkpoint.write_bytes(kept)
+    assert run("train", more) == 0
+
+
 def test_a_folder_in_use_is_left_alone(tmp_path, capsys):
     folder = tmp_path / "run"
     assert run("train", [*TINY, f"run_dir={folder}"]) == 0

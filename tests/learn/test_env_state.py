@@ -8,8 +8,10 @@ from tensordict import TensorDict
 
 from dore.errors import InputError
 from dore.learn import keys
+from dore.learn.env import RearrangeEnv
+from dore.world.generator import Difficulty, FreshInstances
 from tests.drawings import wide_hand
-from tests.worlds import make_env, random_legal
+from tests.worlds import REWARDS, make_env, random_legal
 
 
 def test_partial_reset_leaves_the_other_rows_alone():
@@ -84,6 +86,38 @@ def test_an_observation_that_is_not_the_environments_is_refused(name):
         env.step(other)
     assert "\n" not in str(refusal.value)
     env.step(acted)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "says"),
+    [
+        ("board", lambda board: board | (1 << 40), "board: number 1 has an obstacle off the board"),
+        ("board", lambda board: board.int(), r"board: got torch.int32\[8, 1\], want torch.int64\[8, 1\] of this env"),
+        ("target", lambda target: target + 99, r"target: got \d+ to \d+, want 0 to 17"),
+        (
+            "visited",
+            lambda visited: visited[:, :-1],
+            r"visited: got torch.int64\[8, 8, 1\], want torch.int64\[8, 9, 1\]",
+        ),
+        ("moves", lambda moves: moves - 1, "moves: got -1 to -1, want 0 to 9"),
+        ("moves", lambda moves: None, "moves: got None, want torch.int64"),
+    ],
+)
+def test_a_state_of_another_environment_is_refused(name, change, says):
+    env = make_env(wide_hand(3, 6), 8, 6)
+    env.reset()
+    state, before = env.state_dict(), env.observation()
+    with pytest.raises(InputError, match=rf"^env\.state_dict: {says}"):
+        env.load_state_dict({**state, name: change(state[name])})
+    assert torch.equal(env.observation()[keys.BOARD], before[keys.BOARD])
+
+
+@pytest.mark.parametrize("other", [wide_hand(3, 5), wide_hand(4, 6), None])
+def test_a_source_of_another_reach_is_refused(other):
+    reach = wide_hand(3, 6)
+    source = other and FreshInstances(other, Difficulty(2, 5), "train", 0)
+    with pytest.raises(InputError, match=r"^env\.source: got .*, want a source of instances of the env's reach, 3 x 6"):
+        RearrangeEnv(reach, source, 8, 6, REWARDS)
 
 
 def test_a_loaded_state_dict_continues_as_the_original():

@@ -45,7 +45,7 @@ def test_a_plan_comes_back(path: Path) -> None:
 def test_files_hold_the_papers_ids(path: Path) -> None:
     data = json.loads(path.read_text())
     assert (data["format"], data["status"], data["planner"]) == ("dore-plan/1", "solved", "test")
-    assert (data["obstacles"], data["target"]) == ([16, 3, 9, 7, 13, 1], 15)
+    assert (data["obstacles"], data["target"]) == ([1, 3, 7, 9, 13, 16], 15)
     assert [(move["pick"], move["place"]) for move in data["moves"]] == [(16, 18), (3, 12), (9, 17)]
     assert data["layout"] == {"rows": 3, "cols": 6, "cell_m": 0.12, "front_m": 0.57}
     assert data["reach"] == PUBLISHED

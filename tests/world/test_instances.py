@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -81,8 +82,9 @@ def test_splits_take_their_shares_of_all_boards() -> None:
         ([[2]], [-1], "number 1 has a target off the board"),
         ([[2]], [1], "number 1 has the target among the obstacles"),
         ([[1 << 19]], [0], "number 1 has nothing to rearrange"),
-        ([[2, 0]], [0], r"want Int64\[N, 1\]"),
-        ([[2], [4]], [0], r"want Int64\[N, 1\]"),
+        ([[2, 0]], [0], r"got boards \[1, 2\] and targets \[1\], want \[N, 1\] and \[N\]"),
+        ([[2], [4]], [0], r"got boards \[2, 1\] and targets \[1\], want \[N, 1\] and \[N\]"),
+        ([[6], [2], [6]], [0, 0, 0], "number 3 has the board and the target of an earlier one"),
     ],
 )
 def test_bad_instances_are_refused(board: list[list[int]], target: list[int], why: str) -> None:
@@ -94,8 +96,33 @@ def test_targets_of_another_type_are_refused() -> None:
     instances = InstanceSet.generate(REACH, 5, SOME, "test", seed=0)
     with pytest.raises(InputError, match="number 5 has a target off the board"):
         InstanceSet(REACH, instances.board, torch.cat([instances.target[:-1], torch.tensor([255])]))
-    with pytest.raises(InputError, match=r"torch\.int32"):
-        InstanceSet(REACH, instances.board, instances.target.int())
+    with pytest.raises(InputError, match=r"instances: got torch\.float32, want integers"):
+        InstanceSet(REACH, instances.board, instances.target.float())
+
+
+def test_a_set_takes_integers_of_any_width_and_shares_no_memory() -> None:
+    made = InstanceSet.generate(REACH, 5, SOME, "test", seed=0)
+    before = keys(made)
+    board, target = made.board.numpy().astype("uint32"), made.target.numpy().astype("int8")
+    taken = InstanceSet(REACH, board, target)  # type: ignore[arg-type]
+    assert keys(taken) == before
+    board[:], target[:] = 0, 0
+    for handed_out in (taken.batch(), taken.batch(slice(3)), taken.batch(torch.tensor([1, 2]))):
+        handed_out.board.zero_()
+        handed_out.target.zero_()
+    assert keys(taken) == before
+
+
+@pytest.mark.parametrize("seed", [np.int64(3), np.uint8(3), torch.tensor(3)])
+def test_a_seed_of_numpy_or_torch_is_that_seed(seed: object) -> None:
+    want = keys(InstanceSet.generate(REACH, 20, SOME, "test", seed=3))
+    assert keys(InstanceSet.generate(REACH, 20, SOME, "test", seed=seed)) == want  # type: ignore[arg-type]
+    source = FreshInstances(REACH, SOME, "train", 0)
+    source.seed(seed)  # type: ignore[arg-type]
+    assert torch.equal(source.draw(5).board, FreshInstances(REACH, SOME, "train", 3).draw(5).board)
+    for bad in (-1, 2.5, "3"):
+        with pytest.raises(InputError, match=r"^instances\.seed: got"):
+            FixedInstances(InstanceSet.generate(REACH, 5, SOME, "test", seed=0), bad)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("reach", [REACH, wide_hand(9, 9)])
@@ -159,5 +186,5 @@ def test_what_cannot_be_generated_is_one_line() -> None:
 
 def test_lists_are_no_tensors() -> None:
     reach = Reach(Layout.grid(3, 3, 0.09), 0.09, 60, 21)
-    with pytest.raises(InputError, match=r"instances: got list and list"):
+    with pytest.raises(InputError, match=r"instances: got \[\[3\]\], want an array of integers"):
         InstanceSet(reach, [[3]], [4])  # type: ignore[arg-type]

@@ -97,3 +97,10 @@ def test_bad_cells_are_one_line(cells: tuple[tuple[float, float], ...]) -> None:
 def test_bad_descriptions_are_one_line(data: object) -> None:
     with pytest.raises(InputError, match=r"^layout[^\n]+$"):
         Layout.from_dict(data)
+
+
+def test_cells_do_not_overlap() -> None:
+    """Squares may touch at any angle, as on an arc, and no more."""
+    Layout(((0.5, 0.0), (0.585, 0.085)), 0.12)
+    with pytest.raises(InputError, match=r"^layout.cell_m: got 0.9, and the centres of cells 1 and 2 are 0.1 m apart"):
+        Layout(((0.5, 0.0), (0.6, 0.0)), 0.9)

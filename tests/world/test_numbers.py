@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,9 +60,16 @@ def test_a_scene_may_be_made_of_arrays() -> None:
         assert {type(cell) for cell in (*scene.obstacles, scene.target)} == {int}
 
 
+def test_scenes_of_the_same_objects_are_equal() -> None:
+    assert Scene(LAYOUT, (15, 0, 5), 14) == Scene(LAYOUT, [0, 5, 15], 14)  # type: ignore[arg-type]
+    assert hash(Scene(LAYOUT, (15, 0, 5), 14)) == hash(Scene(LAYOUT, (0, 5, 15), 14))
+
+
 @pytest.mark.parametrize(
     ("obstacles", "target", "says"),
     [
+        (b"12", 14, "scene.obstacles: got b'12', want a list of cells"),
+        ({1: 2}, 14, "scene.obstacles: got {1: 2}, want a list of cells"),
         ((2.5,), 14, "scene.obstacles: got 2.5, want a whole number"),
         ((2,), 14.0, "scene.target: got 14.0, want a whole number"),
         (np.array([1.0]), 14, "scene.obstacles: got .*1.0.*, want a whole number"),
@@ -80,6 +88,25 @@ def test_a_layout_of_arrays() -> None:
     assert Layout.grid(np.int64(3), np.int32(6), np.float64(0.12)) == LAYOUT  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"layout.cells: got \[0.5, 0.6\], want a list of \[x, y\] in metres"):
         Layout([0.5, 0.6], 0.1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("status", "solved", "plan.status: got 'solved', want a Status"),
+        ("moves", [(1, 2)], r"plan.moves: got \[\(1, 2\)\], want a tuple of Move"),
+        ("planner", None, "plan.planner: got None, want text"),
+        ("planning_s", float("nan"), "plan.planning_s: got nan, want a finite number"),
+        ("planning_s", "1", "plan.planning_s: got '1', want a finite number"),
+        ("expansions", 2.5, "plan.expansions: got 2.5, want a whole number of 0 or more"),
+        ("optimal_moves", -1, "plan.optimal_moves: got -1, want a whole number of 0 or more"),
+    ],
+)
+def test_a_plan_holds_no_loose_types(field: str, value: object, says: str) -> None:
+    with pytest.raises(InputError, match=f"^{says}"):
+        replace(FIG_7_PLAN, **{field: value})  # type: ignore[arg-type]
+    plan = replace(FIG_7_PLAN, planning_s=np.float32(0.5), expansions=torch.tensor(3))  # type: ignore[arg-type]
+    assert (type(plan.planning_s), type(plan.expansions)) == (float, int)
 
 
 def test_a_plan_of_numpy_numbers_is_written(tmp_path: Path) -> None:

@@ -244,3 +244,11 @@ def test_parameters_come_back_from_files() -> None:
         back = Reach(layout, **reach.to_dict())
         assert back.to_dict() == reach.to_dict()
         assert torch.equal(back.allowed_sectors, reach.allowed_sectors)
+
+
+def test_boards_of_32_bits_and_unknown_devices_are_refused() -> None:
+    reach = wide_hand(6, 6)
+    with pytest.raises(InputError, match=r"^board: got torch.int32\[3, 1\], want Int64\[B, 1\]$"):
+        reach.accessible_packed(torch.zeros(3, 1, dtype=torch.int32))
+    with pytest.raises(InputError, match=r"^device: got 'nope', want cpu, cuda or cuda:N$"):
+        reach.to("nope")
