@@ -12,7 +12,7 @@ from dore.learn.agents.single import Single
 from dore.learn.env import RearrangeEnv, Rewards
 from dore.learn.networks import MLP, NetworkFactory
 from dore.world.board import pack
-from dore.world.generator import Difficulty, FreshInstances
+from dore.world.generator import Difficulty, FreshInstances, InstanceSource
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import legal_places
@@ -59,21 +59,15 @@ def random_legal(env: RearrangeEnv, observation, generator: torch.Generator):
     return observation.set(keys.PICK, pick).set(keys.PLACE, place)
 
 
-class Given:
+class Given(InstanceSource):
     """A source that always gives the same batch."""
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, reach: Reach, batch: Batch) -> None:
+        super().__init__(reach, seed=0)
         self.batch = batch
 
     def draw(self, n: int) -> Batch:
         return Batch(self.batch.board[:n], self.batch.target[:n])
-
-    def seed(self, seed: int) -> None: ...
-
-    def state_dict(self):
-        return {}
-
-    def load_state_dict(self, state) -> None: ...
 
 
 def board_of(reach, *cells: int):

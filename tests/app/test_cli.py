@@ -102,7 +102,7 @@ def test_a_checkpoint_of_another_layout(model, tmp_path, capsys):
     capsys.readouterr()
     (other / "checkpoint.pt").write_bytes((model / "checkpoint.pt").read_bytes())
     assert run("train", [f"resume={other}", "training.max_episodes=300"]) == 2
-    assert "checkpoint.pt: from a different layout, network or version" in said(capsys)
+    assert "checkpoint.pt was started with layout.cols=3, not 4" in said(capsys)
 
 
 @pytest.mark.parametrize("text", ["a: [", "", "seed: 1", "\x00"])

@@ -83,7 +83,7 @@ def test_batch_equals_rows_one_by_one():
     rows = torch.randint(20, (2, 24), generator=torch.Generator().manual_seed(2))
 
     def step(batch: Batch, pick, place):
-        env = RearrangeEnv(reach, Given(batch), len(batch.target), 4, REWARDS)
+        env = RearrangeEnv(reach, Given(reach, batch), len(batch.target), 4, REWARDS)
         return env.step(env.reset().set(keys.PICK, pick).set(keys.PLACE, place))["next"]
 
     many = step(instances.batch(), *rows)
@@ -108,7 +108,7 @@ def test_batch_equals_rows_one_by_one():
 )
 def test_failures_and_rewards(pick, place, failure, pick_reward, place_reward, done):
     reach = wide_hand(3, 3)
-    env = RearrangeEnv(reach, Given(Batch(board_of(reach, 1, 4), torch.tensor([7]))), 1, 8, REWARDS)
+    env = RearrangeEnv(reach, Given(reach, Batch(board_of(reach, 1, 4), torch.tensor([7]))), 1, 8, REWARDS)
     observation = env.reset().set(keys.PICK, torch.tensor([pick])).set(keys.PLACE, torch.tensor([place]))
     after = env.step(observation)["next"]
     assert Failure(int(after[keys.FAILURE])) is failure
@@ -121,7 +121,7 @@ def test_failures_and_rewards(pick, place, failure, pick_reward, place_reward, d
 
 def test_lift_that_frees_the_target_pays_the_pick_and_solving_ends_the_episode():
     reach = wide_hand(3, 3)
-    env = RearrangeEnv(reach, Given(Batch(board_of(reach, 4), torch.tensor([7]))), 1, 8, REWARDS)
+    env = RearrangeEnv(reach, Given(reach, Batch(board_of(reach, 4), torch.tensor([7]))), 1, 8, REWARDS)
     # The lift frees the target; placed on cell 1, the obstacle blocks it again.
     observation = env.reset().set(keys.PICK, torch.tensor([4])).set(keys.PLACE, torch.tensor([1]))
     after = env.step(observation)["next"]
@@ -129,7 +129,7 @@ def test_lift_that_frees_the_target_pays_the_pick_and_solving_ends_the_episode()
     assert float(after[keys.PLACE_REWARD]) == 0.0
     assert not bool(after[keys.TERMINATED])
     wide = wide_hand(3, 5)
-    env = RearrangeEnv(wide, Given(Batch(board_of(wide, 7), torch.tensor([12]))), 1, 8, REWARDS)
+    env = RearrangeEnv(wide, Given(wide, Batch(board_of(wide, 7), torch.tensor([12]))), 1, 8, REWARDS)
     after = env.step(env.reset().set(keys.PICK, torch.tensor([7])).set(keys.PLACE, torch.tensor([5])))["next"]
     assert float(after[keys.PLACE_REWARD]) == 10.0
     assert bool(after[keys.TERMINATED])
@@ -148,7 +148,7 @@ def test_step_limit_truncates():
 def test_no_legal_move_left_ends_the_episode():
     """On one column each cell hides those behind it: an episode that shuffles to and fro runs out of boards."""
     reach = wide_hand(4, 1)
-    env = RearrangeEnv(reach, Given(Batch(board_of(reach, 1, 2), torch.tensor([3]))), 1, 8, REWARDS)
+    env = RearrangeEnv(reach, Given(reach, Batch(board_of(reach, 1, 2), torch.tensor([3]))), 1, 8, REWARDS)
     observation = env.reset()
     assert observation[keys.LEGAL_PICK][0].tolist() == [False, True, False, False]
     after = env.step(observation.set(keys.PICK, torch.tensor([1])).set(keys.PLACE, torch.tensor([0])))["next"]
@@ -174,7 +174,7 @@ def test_bad_arguments(change, says):
     reach = wide_hand(3, 3)
     keywords = {"num_envs": 1, "max_moves": 1, "rewards": REWARDS} | change
     with pytest.raises(InputError, match=says):
-        RearrangeEnv(reach, Given(Batch(board_of(reach, 1), torch.tensor([7]))), **keywords)
+        RearrangeEnv(reach, Given(reach, Batch(board_of(reach, 1), torch.tensor([7]))), **keywords)
 
 
 def test_bad_rewards():

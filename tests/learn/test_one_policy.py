@@ -114,7 +114,7 @@ def test_a_greedy_rollout_is_the_policy_in_the_environment(kind: str, literal: b
     batch = Batch(batch.board[playable], batch.target[playable])
     n = len(playable)
     rollout = greedy_rollout(agent.greedy, reach, batch, MOVES)
-    env = RearrangeEnv(reach, Given(batch), n, MOVES, REWARDS)
+    env = RearrangeEnv(reach, Given(reach, batch), n, MOVES, REWARDS)
     observation = env.reset()
     moves: list[list[tuple[int, int]]] = [[] for _ in range(n)]
     failure, solved = torch.zeros(n, dtype=torch.int64), torch.zeros(n, dtype=torch.bool)
