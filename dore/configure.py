@@ -77,6 +77,8 @@ def make(node: Any, name: str, **given: Any) -> Any:
         factory = instantiate(node, _partial_=True, _convert_="all")
         inspect.signature(factory.func).bind(**factory.keywords, **given)
     except (InstantiationException, ImportError, TypeError) as error:
+        if isinstance(error, InstantiationException) and isinstance(error.__cause__, ImportError):
+            raise _not_found(name, str(error), error.__cause__) from None
         # Nested nodes are built on the way, and say best themselves what is wrong with them.
         if isinstance(error.__cause__, InputError | OSError | MemoryError):
             raise error.__cause__ from None
@@ -102,6 +104,15 @@ def _refusal(name: str, error: Exception) -> InputError:
     """An error of a constructor in one line, without the constructor's own name."""
     text = re.sub(r"\b[\w.]*\.__init__\(\) ", "", " ".join(str(error).split()))
     return InputError(f"{name}: {text}")
+
+
+def _not_found(name: str, text: str, cause: ImportError) -> InputError:
+    """A class that cannot be imported, in one line: what, why, and where it was looked for."""
+    target, key = re.search(r"target '([^']*)'", text), re.search(r"full_key: (\S+)", text)
+    why = str(cause.__cause__ or cause).splitlines()[0]
+    why = re.sub(r"No module named '([\w.]+)\.(\w+)'; .*", r"\1 has no \2", why)
+    wanted = "want a class of a module that is installed, in the current folder, or on PYTHONPATH"
+    return InputError(f"{key[1] if key else name}._target_: {target[1] if target else text}: {why}; {wanted}")
 
 
 def trust(*modules: str) -> None:

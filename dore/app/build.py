@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, OmegaConf
 
+from dore.app.own_parts import cells_stay
 from dore.configure import make
 from dore.errors import InputError, path_of, shown, whole
 from dore.learn.checkpoint import SHIPPED, load_model
@@ -67,6 +68,8 @@ def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
         if given is not None:
             # A whole preset replaces the model's; single keys, as an arm's front_m, change it.
             world[name] = given if "_target_" in given else OmegaConf.merge(world[name] or {}, given)
+    if world.layout is not None:
+        cells_stay(world.layout)
     return world
 
 

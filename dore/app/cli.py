@@ -17,8 +17,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.app import renamed, sweep, sweep_job
-from dore.configure import trust_command_line
+from dore.app import own_parts, renamed, sweep, sweep_job
 from dore.errors import ExitCode, InputError
 from dore.files import conf_dir
 from dore.schema import nearest
@@ -57,6 +56,7 @@ def _main(name: str) -> None:
         codes.append(_guarded(name, lambda: _run_command(name, cfg)))
         return None
 
+    own_parts.current_folder_importable()
     if _guarded(name, lambda: _check_groups(sys.argv[1:])) != ExitCode.OK:
         sys.exit(ExitCode.BAD_INPUT)
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
@@ -76,16 +76,16 @@ def _check_groups(overrides: list[str]) -> int:
     """Refuse what is no name of an option where a group wants one: Hydra's answer to that is an assertion."""
     for override in overrides:
         key, given, value = override.lstrip("+").partition("=")
-        group = conf_dir() / key.partition("@")[0]
-        if given and not override.startswith("-") and group.is_dir() and NO_NAME.fullmatch(value):
-            options = ", ".join(sorted(path.stem for path in group.glob("*.yaml")))
+        folders = own_parts.group_folders(key.partition("@")[0], overrides)
+        if given and not override.startswith("-") and folders and NO_NAME.fullmatch(value):
+            options = ", ".join(sorted(path.stem for folder in folders for path in folder.glob("*.yaml")))
             raise InputError(f"{key}: got {value or 'nothing'}, want one of its options: {options}")
     return ExitCode.OK
 
 
 def _run_command(name: str, cfg: DictConfig) -> int:
     """`NAME_command` of dore.app.NAME; imported only after the config is composed, so that --help answers at once."""
-    trust_command_line(cfg)
+    own_parts.prepare(cfg)
     try:
         module = import_module(f"dore.app.{name}")
     except ModuleNotFoundError as error:
@@ -132,10 +132,15 @@ def _config_message(command: str, text: str) -> str:
     key = unknown[1]
     parent, _, last = key.rpartition(".")
     # Only choices of groups, which shape the config; another key may be wrong as well.
-    groups = [one for one in sys.argv[1:] if (conf_dir() / one.partition("=")[0]).is_dir() and "," not in one]
+    own = own_parts.given(sys.argv[1:])
+    groups = [
+        one
+        for one in sys.argv[1:]
+        if own_parts.group_folders(one.partition("=")[0], sys.argv[1:]) and "=" in one and "," not in one
+    ]
     try:
         with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
-            composed = hydra.compose(command, groups)
+            composed = hydra.compose(command, [*groups, *own])
     except (HydraException, OmegaConfBaseException):  # The key is itself a group, of another command.
         return f"{key}: dore-{command} has no such key"
     node = OmegaConf.select(composed, parent) if parent else composed

@@ -18,9 +18,9 @@ from typing import IO, Any
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
+from dore.app import own_parts
 from dore.app.run_folder import check_same, finished
 from dore.app.sweep import JOBS, STOP, SWEEPING, JobResult, results
-from dore.configure import trust_command_line
 from dore.errors import ExitCode, InputError
 from dore.files import write_record
 
@@ -60,7 +60,7 @@ def run_job(cfg: DictConfig) -> float | None:
 
     Returns its best IPT success, which a sweeper may maximise; None where it broke or was stopped.
     """
-    trust_command_line(cfg)
+    own_parts.prepare(cfg)
     settings = HydraConfig.get()
     parent = os.getppid() if os.environ.get(SWEEPING) == str(os.getppid()) else None
     job = Job(str(settings.sweep.subdir), Path(settings.sweep.dir), list(settings.overrides.task), parent)
@@ -106,7 +106,14 @@ def _train_in_process(job: Job, stop: Path, log: IO[bytes]) -> tuple[int, str]:
     """dore-train in a process of its own; its exit code and the last line of its log."""
     quoted = str(job.folder).replace("'", "\\'")
     more = [f"run_dir='{quoted}'", "existing=continue"]
-    command = [sys.executable, "-c", "from dore.app.cli import train; train()", *job.overrides, *more]
+    command = [
+        sys.executable,
+        "-c",
+        "from dore.app.cli import train; train()",
+        *job.overrides,
+        *own_parts.of_job(),
+        *more,
+    ]
     began = log.tell()
     # A session of its own: Ctrl-C reaches it through `stop` alone, and so only once.
     process = subprocess.Popen(

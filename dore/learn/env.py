@@ -41,6 +41,10 @@ class Rewards:
         if self.solved <= self.failed:
             raise InputError(f"env.rewards: solved {self.solved:g} is not above failed {self.failed:g}")
 
+    def of(self, solved: Tensor, failed: Tensor) -> Tensor:
+        """Float[B]: what a move is paid that has made the target accessible, Bool[B], or has failed, Bool[B]."""
+        return torch.where(solved, self.solved, torch.where(failed, self.failed, self.unfinished)).float()
+
 
 class RearrangeEnv(EnvBase):
     """Pick an obstacle and place it elsewhere until the target is accessible (paper, sections 4 and 5).
@@ -148,7 +152,7 @@ class RearrangeEnv(EnvBase):
         pick_failed = (failure == Failure.PICK) | (failure == Failure.PICK_AND_PLACE)
         return self._pack(
             {keys.DONE: terminated | truncated, keys.TERMINATED: terminated, keys.TRUNCATED: truncated},
-            {"pick": self._reward(opened, pick_failed), "place": self._reward(solved, failed)},
+            {"pick": self.rewards.of(opened, pick_failed), "place": self.rewards.of(solved, failed)},
         )
 
     def _cells(self, tensordict: TensorDictBase, key: keys.Key) -> Tensor:
@@ -176,11 +180,6 @@ class RearrangeEnv(EnvBase):
                 raise InputError(
                     f"env.step: {name}: got another one than the environment's, want what reset or step returned"
                 )
-
-    def _reward(self, solved: Tensor, failed: Tensor) -> Tensor:
-        """Float[B]."""
-        other = torch.where(failed, self.rewards.failed, self.rewards.unfinished)
-        return torch.where(solved, self.rewards.solved, other).float()
 
     def _pack(self, flags: dict[str, Tensor], rewards: dict[str, Tensor]) -> TensorDict:
         """The TensorDict of a reset (no rewards) or a step; `_new_unsafe` skips what the specs check already."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import torch
@@ -14,7 +15,7 @@ from torch import Tensor
 from torchrl.data import Categorical, Composite
 from torchrl.modules import EGreedyModule, QValueModule
 
-from dore.configure import make
+from dore.configure import call, make
 from dore.errors import InputError, flag, number, one_of
 from dore.learn import keys
 from dore.learn.features import Encoding, encode
@@ -126,7 +127,7 @@ class Agent(ABC):
 
 def agent_from_config(config: Mapping[str, Any], reach: Reach) -> Agent:
     """The agent that the groups `agent` and `network` of a config describe, with fresh weights."""
-    network = make(config.get("network"), "network")
+    network = partial(call, make(config.get("network"), "network"), "network")
     agent: Agent = make(config.get("agent"), "agent", reach=reach, network=network)
     return agent
 

@@ -1,0 +1,82 @@
+"""docs/extending.md from an empty folder: its files are written there, its commands run, on small budgets."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dore.configure import _users
+from dore.sim.scene.agent import render_backend
+from tests.commands import run
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+SECTIONS = {part.partition("\n")[0]: part for part in re.split(r"^## ", PAGE, flags=re.M)[1:]}
+FEW = ("instances.validation_size=60", "instances.test_size=60")
+SMALL = {
+    "train": (*FEW, "training.max_episodes=200", "ipt.batch_size=30", "env.num_envs=32", "logger=none"),
+    "evaluate": ("limit=5",),
+    "plan": (),
+    "execute": ("video=off",),
+}
+"""What is added to a command so that it takes seconds."""
+
+
+def write_files(folder: Path, section: str) -> None:
+    for block in re.findall(r"```(?:python|yaml)\n(.*?)```", section, flags=re.S):
+        path = folder / re.search(r"^# ([\w./]+\.(?:py|yaml))$", block, flags=re.M)[1]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(block, encoding="utf-8")
+
+
+def commands(section: str) -> list[tuple[str, list[str]]]:
+    lines = [line for block in re.findall(r"```sh\n(.*?)```", section, flags=re.S) for line in block.splitlines()]
+    words = [shlex.split(line) for line in lines]
+    return [(program.removeprefix("dore-"), [*given, *SMALL[program[5:]]]) for program, *given in words]
+
+
+def wanted(command: str, arguments: list[str]) -> tuple[int, ...]:
+    """A model of a second may find no plan; and there is no camera without Vulkan."""
+    if "loop=closed" in arguments and render_backend() == "none":
+        return (2,)
+    return (0, 4) if command == "plan" else (0,)
+
+
+@pytest.mark.sim
+@pytest.mark.parametrize("name", SECTIONS)
+def test_a_section_runs_as_it_is_written(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    write_files(tmp_path, SECTIONS[name])
+    for command, arguments in commands(SECTIONS[name]):
+        if command == "train" and "-m" in arguments and name != "Network":
+            continue  # Each job is a process, and takes seconds; the slow test starts them.
+        _users.clear()  # Each command is a process of its own.
+        assert run(command, arguments) in wanted(command, arguments), arguments
+
+
+@pytest.mark.slow
+@pytest.mark.sim
+def test_every_section_runs_against_the_wheel(tmp_path, monkeypatch):
+    quiet = {"check": True, "stdout": subprocess.DEVNULL}
+    subprocess.run([sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT], **quiet)
+    (wheel,) = tmp_path.glob("*.whl")
+    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", tmp_path / "site", wheel]
+    subprocess.run(install, **quiet)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "site"))
+    (tmp_path / "mine").mkdir()
+    # As a console script starts: the current folder is not on its path.
+    start = "import sys; sys.path.remove(''); from dore.app.cli import {0}; {0}()"
+    where = f"{start}; import dore; assert dore.__file__.startswith({str(tmp_path)!r})"
+    for section in SECTIONS.values():
+        write_files(tmp_path / "mine", section)
+        for command, arguments in commands(section):
+            code = subprocess.run(
+                [sys.executable, "-c", where.format(command), *arguments], cwd=tmp_path / "mine"
+            ).returncode
+            assert code in wanted(command, arguments), arguments
