@@ -14,7 +14,7 @@ from dore.sim.config import preset
 from dore.sim.vision.coverage import observation
 from dore.sim.vision.depth_noise import kinect_depth
 from dore.sim.vision.perception import Frame
-from dore.sim.vision.scene_estimate import NotUnderstood, Why, estimate
+from dore.sim.vision.scene_estimate import NotUnderstood, Why, cell_of, estimate
 from dore.world.layout import Layout
 from tests.raycast import GREEN, Solid, picture, standing
 
@@ -70,6 +70,16 @@ def test_what_stands_hidden_behind_a_tall_object_is_not_taken_for_an_empty_cell(
         kind, reason = why(noisy(*solids))
         assert kind is Why.NOT_MEASURED
         assert reason.startswith("cell 10 is not measured")
+
+
+def test_a_cell_half_behind_a_tall_object_is_measured_and_a_small_object_there_is_not_missed():
+    x, y = LAYOUT.cells[1]
+    tall = standing("cuboid", (x + 0.114, y + 0.004), 0.025, 0.15, yaw=0.4)
+    for seed in range(3):
+        assert estimate(observation(noisy(TARGET, tall, seed=seed), LAYOUT, CAMERA), LAYOUT).scene.obstacles == (7,)
+        behind = standing("cylinder", (x + 0.05, y + 0.02), 0.02, 0.06)
+        seen = observation(noisy(TARGET, tall, behind, seed=seed), LAYOUT, CAMERA)
+        assert 1 in seen.unmeasured | {cell_of(one, LAYOUT) for one in seen.objects}
 
 
 def test_two_touching_slim_objects_are_not_one():

@@ -18,8 +18,8 @@ _STEP_M = 0.01
 """Between two places in a cell where an object's middle is tried."""
 _BEYOND_M = 0.012
 """What is measured this far behind a point has been seen through it; depth noise is smaller."""
-_FEWEST_SEEN = 3
-"""So many points of a top face, of 13, seen through show that no object is there: one or two may be noise."""
+_FEWEST_SEEN = 2
+"""So many points of a top face, of 13, seen through show that no object is there: one may be noise."""
 
 
 def observation(frame: Frame, layout: Layout, config: CameraConfig) -> Observation:
