@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ from dore.planners.base import Planner
 from dore.world.instances import InstanceSplits
 from dore.world.layout import Layout
 from dore.world.reach import Reach
+from dore.world.scene_files import SceneInstances
 
 WORLD = ("layout", "reach", "instances")
 MODEL = (*WORLD, "agent", "network")
@@ -32,7 +34,8 @@ def reach_of(config: Mapping[str, Any], device: str, layout: Layout | None = Non
 def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
     """The instance splits, checked against the layout."""
     splits: InstanceSplits = make(config.get("instances"), "instances")
-    splits.difficulty.check_fits(reach.n_cells)
+    if isinstance(splits, InstanceSplits):
+        splits.difficulty.check_fits(reach.n_cells)
     return splits
 
 
@@ -61,7 +64,7 @@ def planner_of(cfg: DictConfig, reach: Reach) -> Planner:
 
 
 def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
-    """layout, reach and instances: those of a model's config, overridden by what `cfg` gives."""
+    """layout, reach and instances: those of a model's config, overridden by what `cfg` gives; or own scenes' layout."""
     world = OmegaConf.create({name: (model or {}).get(name) for name in WORLD})
     for name in WORLD:
         given = cfg.get(name)
@@ -70,6 +73,10 @@ def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
             world[name] = given if "_target_" in given else OmegaConf.merge(world[name] or {}, given)
     if world.layout is not None:
         cells_stay(world.layout)
+    if cfg.get("instances") is not None and isinstance(scenes := make(world.instances, "instances"), SceneInstances):
+        world.instances.path = os.path.abspath(scenes.path)
+        if "_target_" not in (cfg.get("layout") or {}):
+            world.layout = {"_target_": "dore.world.layout.Layout.from_dict", "data": scenes.layout.to_dict()}
     return world
 
 

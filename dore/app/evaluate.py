@@ -40,7 +40,7 @@ class Evaluation(NamedTuple):
         if cfg.limit is not None:
             instances = instances.first(cfg.limit)
         with open_dict(cfg):
-            cfg.merge_with(world)
+            cfg.update(world)
         return cls(planners, instances, Timing(cfg.timing))
 
 
@@ -67,6 +67,8 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
             print(f"stopped; resume with: dore-evaluate resume={folder}")
             return ExitCode.STOPPED
     print(evaluation_tables(folder))
+    if n_open := evaluation.instances.n_accessible:
+        print(f"{n_open} of {len(evaluation.instances)} targets are accessible at the start: solved in no move")
     print(f"{ROWS_FILE} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
     return ExitCode.OK
 

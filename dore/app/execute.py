@@ -7,7 +7,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from dore.app import build, run_folder
+from dore.app import build, run_folder, scenes
 from dore.configure import make
 from dore.errors import ExitCode, InputError, path_of, seed_of, whole
 from dore.planners.base import Planner
@@ -16,7 +16,7 @@ from dore.sim.run.execution import Loop, run_loop
 from dore.sim.run.open_loop import OpenLoop
 from dore.sim.run.report import ExecutionReport
 from dore.sim.run.setup import REPORT_NAME, Setup
-from dore.world.files import read_plan, read_scene
+from dore.world.files import read_plan
 from dore.world.generator import Difficulty
 from dore.world.instances import random_problem
 from dore.world.plan import Plan, PlanFile, Status
@@ -90,8 +90,9 @@ def _closed(cfg: DictConfig) -> Loop:
 def _problem(cfg: DictConfig) -> Problem:
     """The scene, and the reach on its layout."""
     if cfg.scene != "random":
-        scene = read_scene(path_of("scene", cfg.scene))
+        scene = scenes.given(cfg).scene
         return Problem(scene, build.reach_of(cfg, "cpu", scene.layout))
+    scenes.check_random(cfg)
     reach, obstacles = build.reach_of(cfg, "cpu"), whole("obstacles", cfg.obstacles, 1)
     if obstacles >= reach.n_cells:
         raise InputError(f"obstacles: got {obstacles}, want at most {reach.n_cells - 1}, one cell less than there are")

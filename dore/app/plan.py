@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from omegaconf import DictConfig
 
-from dore.app import build
+from dore.app import build, scenes
 from dore.app.run_folder import folder_of
 from dore.draw.boards import draw_plan
-from dore.errors import ExitCode, path_of, seed_of
+from dore.errors import ExitCode, InputError, seed_of
 from dore.files import check_outputs
-from dore.world.files import read_scene, write_plan
-from dore.world.instances import random_problem
+from dore.world.files import write_plan
+from dore.world.instances import InstanceSplits, random_problem
 from dore.world.plan import Plan, PlanFile, Status
 from dore.world.problem import Batch, Problem, cell_id
 
@@ -27,14 +27,7 @@ def plan_command(cfg: DictConfig) -> int:
     out = folder_of(cfg, "out")
     picture = out.parent / f"{out.stem}.png" if cfg.picture is None else folder_of(cfg, "picture")
     check_outputs(out=out, picture=picture)
-    world = build.world_of(cfg, build.model_config(cfg))
-    if cfg.scene == "random":
-        reach = build.reach_of(world, cfg.device)
-        difficulty = build.splits_of(world, reach).difficulty
-        problem = random_problem(reach, difficulty, seed_of("seed", cfg.seed))
-    else:
-        scene = read_scene(path_of("scene", cfg.scene))
-        problem = Problem(scene, build.reach_of(world, cfg.device, scene.layout))
+    problem = _random(cfg) if cfg.scene == "random" else _given(cfg)
     (found,) = build.planner_of(cfg, problem.reach).plan(Batch.of(problem))
     write_plan(out, PlanFile(problem, found))
     _print_plan(found, cell_id(problem.scene.target))
@@ -42,6 +35,24 @@ def plan_command(cfg: DictConfig) -> int:
     draw_plan(problem, found, picture)
     print(f"picture: {picture}")
     return EXIT_CODES[found.status]
+
+
+def _random(cfg: DictConfig) -> Problem:
+    """An instance of the test split."""
+    scenes.check_random(cfg)
+    world = build.world_of(cfg, build.model_config(cfg))
+    reach = build.reach_of(world, cfg.device)
+    splits = build.splits_of(world, reach)
+    if not isinstance(splits, InstanceSplits):
+        raise InputError("scene: random draws instances by how many obstacles they have; want scene=PATH instance=N")
+    return random_problem(reach, splits.difficulty, seed_of("seed", cfg.seed))
+
+
+def _given(cfg: DictConfig) -> Problem:
+    """A scene of the user's, or a row of an evaluation, whose reach is that of the evaluation."""
+    scene, evaluation = scenes.given(cfg)
+    world = build.world_of(cfg, build.model_config(cfg) if evaluation is None else evaluation)
+    return Problem(scene, build.reach_of(world, cfg.device, scene.layout))
 
 
 def _print_plan(found: Plan, target_id: int) -> None:

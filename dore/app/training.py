@@ -73,7 +73,7 @@ def _check_numbers(cfg: DictConfig) -> None:
             raise InputError(
                 f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
             )
-    most = whole("instances.max_obstacles", cfg.instances.max_obstacles, 1, at_most=MAX_CELLS)
+    most = whole("instances.max_obstacles", cfg.instances.get("max_obstacles", 1), 1, at_most=MAX_CELLS)
     if whole("agent.n_slots", cfg.agent.get("n_slots", most), 1) < most:
         raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {most}")
     if (interval := cfg.target_update.get("value_network_update_interval")) is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 from tqdm import tqdm
@@ -14,7 +15,7 @@ from dore.planners.base import Planner
 from dore.report.rows import Row, Timing, append_row, read_rows, write_rows
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, PlanError, replay
-from dore.world.problem import Batch, Problem
+from dore.world.problem import Batch, Problem, cell_id
 
 PARTIAL = "rows.part.csv"
 """What rows.csv is called until it is complete."""
@@ -88,8 +89,10 @@ def rows_as_they_come(
 
 def _check_done(done: pd.DataFrame, names: list[str], problems: list[Problem], timing: Timing) -> None:
     """Refuse rows that these planners, instances and timing cannot have made."""
-    sizes = dict(enumerate((len(problem.scene.obstacles) for problem in problems), 1))
-    known = done.planner.isin(names) & (done.timing == timing) & (done.n_obstacles == done.instance.map(sizes))
+    known = done.planner.isin(names) & (done.timing == timing)
+    for column in ("n_obstacles", "obstacles", "target"):
+        wanted = dict(enumerate((_scene(problem)[column] for problem in problems), 1))
+        known &= done[column] == done.instance.map(wanted)
     if not known.all():
         one = done[~known].iloc[0]
         raise InputError(f"rows: that of {one.planner} on instance {one.instance} is from another evaluation")
@@ -118,12 +121,23 @@ def _row(planner: str, number: int, problem: Problem, plan: Plan, timing: Timing
     return Row(
         planner=planner,
         instance=number,
-        n_cells=problem.reach.n_cells,
-        n_obstacles=len(problem.scene.obstacles),
         status=plan.status,
         reason=plan.reason,
         moves=len(plan.moves),
         planning_s=plan.planning_s,
         expansions=plan.expansions,
         timing=timing,
+        **_scene(problem),
     )
+
+
+def _scene(problem: Problem) -> dict[str, Any]:
+    """What a row says of its instance: `scene=FOLDER instance=N` finds it again by that."""
+    scene = problem.scene
+    return {
+        "n_cells": scene.layout.n_cells,
+        "n_obstacles": len(scene.obstacles),
+        "layout": str(scene.layout),
+        "obstacles": " ".join(str(cell_id(cell)) for cell in scene.obstacles),
+        "target": str(cell_id(scene.target)),
+    }

@@ -119,7 +119,7 @@ def _stacked(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 INSTANCES = (
-    *("layout", "reach", "split", "limit", "instances.seed", "instances.test_size"),
+    *("layout", "reach", "split", "limit", "instances.path", "instances.seed", "instances.test_size"),
     *("instances.validation_size", "instances.min_obstacles", "instances.max_obstacles"),
 )
 """What of a config decides which instances are planned."""

@@ -33,6 +33,7 @@ class Row:
 
     instance: its number in the set, from 1. reason: why there is no solution, or empty.
     moves: rearrangements, as far as the plan goes. planning_s: wall seconds, see `timing`.
+    layout: as messages name it. obstacles, target: cells from 1, with spaces between; empty in rows of version 0.1.
     """
 
     planner: str
@@ -45,10 +46,14 @@ class Row:
     planning_s: float
     expansions: int
     timing: Timing
+    layout: str = ""
+    obstacles: str = ""
+    target: str = ""
 
 
 ROW_COLUMNS = tuple(field.name for field in fields(Row))
-TEXT_COLUMNS = ("planner", "status", "reason", "timing")
+SCENE_COLUMNS = ("layout", "obstacles", "target")
+TEXT_COLUMNS = ("planner", "status", "reason", "timing", *SCENE_COLUMNS)
 
 
 def append_row(file: IO[str], row: Row) -> None:
@@ -72,13 +77,14 @@ def read_rows(path: Path) -> pd.DataFrame:
         InputError: no such file, other columns, a value that is wrong, two rows of a planner on one instance, or
             planners with different instances or contradicting results; names the line where there is one.
     """
-    rows = read_table(path, ROW_COLUMNS, TEXT_COLUMNS)
+    rows = read_table(path, [name for name in ROW_COLUMNS if name not in SCENE_COLUMNS], TEXT_COLUMNS)
     for name, known in (("status", Status), ("timing", Timing)):
         wrong = ~rows[name].isin(list(known))
         if wrong.any():
             got = rows[name][wrong.idxmax()]
             raise InputError(f"{path}, line {wrong.idxmax() + 2}: {name} {got!r}, want one of {', '.join(known)}")
-    if (lacking := rows.isna().any(axis=1)).any():
+    cut_off = (rows.target == "") & (rows.target != "").any()  # Version 0.1 has none in any row.
+    if (lacking := rows.isna().any(axis=1) | cut_off).any():
         raise InputError(f"{path}, line {lacking.idxmax() + 2}: a value is missing")
     if (twice := rows.duplicated(["planner", "instance"])).any():
         one = rows[twice].iloc[0]

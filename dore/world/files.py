@@ -95,7 +95,16 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
         InputError: no such file, no JSON, or a field that is wrong.
     """
     with named(path):
-        return _read(path, (SCENE_FORMAT, PLAN_FORMAT)).scene()
+        return scene_of(read_json(path))
+
+
+def scene_of(data: object) -> Scene:
+    """The scene that the content of a scene file or a plan file describes.
+
+    Raises:
+        InputError: a field that is wrong; does not name the file.
+    """
+    return _fields(data, (SCENE_FORMAT, PLAN_FORMAT)).scene()
 
 
 def read_plan(path: str | os.PathLike[str]) -> PlanFile:
@@ -105,7 +114,7 @@ def read_plan(path: str | os.PathLike[str]) -> PlanFile:
         InputError: no such file, no JSON, a field that is wrong, or a plan that does not replay.
     """
     with named(path):
-        fields = _read(path, (PLAN_FORMAT,))
+        fields = _fields(read_json(path), (PLAN_FORMAT,))
         scene, plan = fields.scene(), fields.plan()
         problem = Problem(scene, Reach(scene.layout, **msgspec.structs.asdict(fields.reach)))
         replay(problem, plan)
@@ -183,9 +192,8 @@ def _digest(tensors: dict[str, Tensor], header: dict[str, str]) -> str:
     return seal.hexdigest()
 
 
-def _read(path: str | os.PathLike[str], formats: tuple[str, ...]) -> Any:
-    """The fields of a file of one of these formats."""
-    data = read_json(path)
+def _fields(data: object, formats: tuple[str, ...]) -> Any:
+    """The fields of a file of one of these formats, from its content."""
     found = data.get("format") if isinstance(data, dict) else type(data).__name__
     if found not in formats:
         raise InputError(f"format {shown(found)}, want {' or '.join(formats)}")

@@ -43,16 +43,19 @@ class InstanceSet:
     Args:
         board: Int64[N, W], integers of NumPy and of other widths too; copied.
         target: Int64[N], likewise.
+        accessible: whether a target may be accessible at the start, which leaves nothing to rearrange.
 
     Raises:
         InputError: cells off the board, a target among the obstacles or accessible at the start, or an instance twice.
     """
 
-    def __init__(self, reach: Reach, board: Tensor, target: Tensor) -> None:
+    def __init__(self, reach: Reach, board: Tensor, target: Tensor, accessible: bool = False) -> None:
         board, target = integers("instances", board, reach.device), integers("instances", target, reach.device)
         check_boards("instances", board, target, reach.n_cells)
+        self.n_accessible = int(retrievable(reach, board, target).sum())
+        """How many targets are accessible at the start."""
         faults = {
-            "nothing to rearrange": retrievable(reach, board, target),
+            "nothing to rearrange": retrievable(reach, board, target) & (not accessible),
             "the board and the target of an earlier one": _repeats(torch.cat([board, target[:, None]], -1)),
         }
         refuse_first("instances", faults)
@@ -73,7 +76,7 @@ class InstanceSet:
             InputError: there are fewer.
         """
         whole("limit", n, 1, at_most=len(self))
-        return InstanceSet(self.reach, *self.batch(slice(n)))
+        return InstanceSet(self.reach, *self.batch(slice(n)), accessible=self.n_accessible > 0)
 
     def batch(self, rows: Tensor | slice = slice(None)) -> Batch:
         """A copy of the instances of those rows."""

@@ -36,6 +36,7 @@ def options(group: str) -> list[str]:
 
 
 OPTIONS = [f"{group}={option}" for group in (*GROUPS, "target_update") for option in options(group)]
+OPTIONS.remove("instances=file")  # Nothing to train on: tests/app/test_own_scenes.py.
 
 
 @pytest.mark.parametrize("option", OPTIONS)

@@ -36,8 +36,11 @@ def write_files(folder: Path, section: str) -> None:
 
 def commands(section: str) -> list[tuple[str, list[str]]]:
     lines = [line for block in re.findall(r"```sh\n(.*?)```", section, flags=re.S) for line in block.splitlines()]
-    words = [shlex.split(line) for line in lines]
-    return [(program.removeprefix("dore-"), [*given, *SMALL[program[5:]]]) for program, *given in words]
+    found = []
+    for program, *given in map(shlex.split, lines):
+        small = () if "instances=file" in given else SMALL[program.removeprefix("dore-")]
+        found.append((program.removeprefix("dore-"), [*given, *small]))
+    return found
 
 
 def wanted(command: str, arguments: list[str]) -> tuple[int, ...]:

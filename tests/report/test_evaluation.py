@@ -98,7 +98,8 @@ def test_a_bad_file_is_one_line(tmp_path: Path) -> None:
     for damaged, why in (
         (text.replace("expansions", "boards"), "no column expansions"),
         (text.replace("solved", "sloved"), r"line \d+: status 'sloved', want one of solved"),
-        (text.rsplit(",", 3)[0], "line 26: timing ''"),
+        (text.rsplit(",", 6)[0], "line 26: timing ''"),
+        (text.rsplit(",", 1)[0], "line 26: a value is missing"),
         (text.replace(",20,", ",,", 1), "line 2: a value is missing"),
         (text.replace("\nstraight_line,2,", "\nstraight_line,1,"), "straight_line has two rows of instance 1"),
         ("", "cannot be read as CSV"),
@@ -112,7 +113,7 @@ def test_a_bad_file_is_one_line(tmp_path: Path) -> None:
 def test_contradicting_proofs_are_refused(tmp_path: Path) -> None:
     rows = evaluated(tmp_path, [baseline()])
     one = rows[rows.status == "solved"].iloc[0]
-    line = f"exact,{one.instance},20,{one.n_obstacles},unsolvable,,0,0.1,5,single\n"
+    line = f"exact,{one.instance},20,{one.n_obstacles},unsolvable,,0,0.1,5,single,,,{one.target}\n"
     with (tmp_path / ROWS_FILE).open("a") as file:
         file.write(line)
     with pytest.raises(
