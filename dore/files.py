@@ -19,6 +19,8 @@ from dore.schema import checked, named, read_json
 
 CONFIG_FILE, ABOUT_FILE, ROWS_FILE = "config.yaml", "about.json", "rows.csv"
 """In a run's folder: its config, what made it, and the rows of an evaluation or a measuring program."""
+GROUPS_FILE = "groups.json"
+"""In the folder of an evaluation of several models: each planner's name, without what says the seed of its model."""
 METRICS_FILE, DONE_FILE, CURVE_FILE = "metrics.csv", "done.json", "learning_curve.png"
 """In a training's: its tests, how it ended, and its tests drawn."""
 

@@ -9,10 +9,10 @@ from typing import Any
 import torch
 from omegaconf import DictConfig, OmegaConf
 
+from dore.app.models import Model, models_of, world_config
 from dore.app.own_parts import cells_stay
 from dore.configure import make
-from dore.errors import InputError, path_of, shown, whole
-from dore.learn.checkpoint import SHIPPED, load_model
+from dore.errors import InputError, shown, whole
 from dore.planners.base import Planner
 from dore.world.instances import InstanceSplits
 from dore.world.layout import Layout
@@ -48,7 +48,30 @@ def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:
     check_sections(cfg, "planners")
     if not cfg.planners:
         raise InputError("planners: got none, want one or more (planner=NAME)")
-    return [make(node, f"planner {name}", reach=reach) for name, node in cfg.planners.items()]
+    return [planner for name, node in cfg.planners.items() for planner in _by_model(str(name), node, reach)]
+
+
+def groups_of(cfg: DictConfig) -> dict[str, str]:
+    """The name of each planner without what says the seed of its model; nothing where no planner has several models."""
+    named = [pair for name, node in cfg.planners.items() for pair in _models(str(name), node)]
+    return {f"{name} {one.label}": f"{name} {one.group}" for name, one in named if one.label}
+
+
+def _by_model(name: str, node: Any, reach: Reach) -> list[Planner]:
+    """A planner for each model that its config names, called as the config calls it."""
+    planners = []
+    for _, one in _models(name, node):
+        more = {"model": one.path} if isinstance(node, DictConfig) and "model" in node else {}
+        planner: Planner = make(OmegaConf.merge(node, more) if more else node, f"planner {name}", reach=reach)
+        planner.name = f"{name} {one.label}".strip()
+        planners.append(planner)
+    return planners
+
+
+def _models(name: str, node: Any) -> list[tuple[str, Model]]:
+    """A planner's models, each with the planner's name; one without a path where its config names none."""
+    several = isinstance(node, DictConfig) and "model" in node
+    return [(name, one) for one in (models_of(node.model) if several else [Model(None)])]
 
 
 def planner_of(cfg: DictConfig, reach: Reach) -> Planner:
@@ -59,7 +82,7 @@ def planner_of(cfg: DictConfig, reach: Reach) -> Planner:
     """
     planners = planners_of(cfg, reach)
     if len(planners) != 1:
-        raise InputError(f"planner: got {len(planners)}, want one")
+        raise InputError(f"planner: got {shown([one.name for one in planners])}, want one")
     return planners[0]
 
 
@@ -81,8 +104,8 @@ def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
 
 
 def model_config(cfg: DictConfig) -> Mapping[str, Any]:
-    """What the given model was made with, or the one in the package."""
-    return load_model(SHIPPED if cfg.model is None else path_of("model", cfg.model))[1]
+    """What the given models were made with, or the one in the package."""
+    return world_config(models_of(cfg.model), cfg, WORLD)
 
 
 def check_sections(cfg: DictConfig, *names: str) -> None:

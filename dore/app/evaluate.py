@@ -9,7 +9,7 @@ from omegaconf import DictConfig, open_dict
 
 from dore.app import build, run_folder
 from dore.errors import ExitCode, InputError, path_of
-from dore.files import CONFIG_FILE, ROWS_FILE, locked
+from dore.files import CONFIG_FILE, GROUPS_FILE, ROWS_FILE, locked, write_record
 from dore.planners.base import Planner
 from dore.report.evaluation import evaluate_into
 from dore.report.rows import Timing
@@ -55,6 +55,8 @@ def evaluate_command(cfg: DictConfig) -> int:
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(CONFIG_FILE,)) as folder:
         cfg.run_dir = str(folder)
         run_folder.write_config(folder, cfg)
+        if groups := build.groups_of(cfg):
+            write_record(folder / GROUPS_FILE, groups)
         return _evaluate(folder, evaluation, cfg)
 
 

@@ -8,22 +8,25 @@ from typing import Any
 
 import yaml
 
-from dore.files import conf_dir
+from dore.files import GROUPS_FILE, conf_dir, read_record
 from dore.report.page import lines_of
 from dore.report.sources import sources_of
 from dore.report.study import cells_of
 
 
 def evaluation_tables(folder: Path) -> str:
-    """How often each planner succeeds, how much it moves and how long it takes; then each against the last one.
+    """How often each planner succeeds, how much it moves and how long it takes; each against the last one; over seeds.
 
     Raises:
         InputError: no rows.csv, or a damaged one.
     """
     spec: dict[str, Any] = yaml.safe_load((conf_dir() / "study" / "_evaluation.yaml").read_text(encoding="utf-8"))
     sources = sources_of(spec, folder, folder)
+    rows = sources["rows"].rows
+    rows["group"] = rows.planner.replace(read_record(folder / GROUPS_FILE))
     cells = cells_of(spec, sources)
-    shown = spec["tables"] if sources["rows"].rows.planner.nunique() > 1 else spec["tables"][:1]
+    several = spec["tables"] if rows.planner.nunique() > 1 else spec["tables"][:1]
+    shown = [table for table in several if table["name"] in set(cells.metric)]
     return "\n\n".join(as_text(lines_of(cells, table)) for table in shown)
 
 
