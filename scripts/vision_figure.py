@@ -22,7 +22,7 @@ from dore.world.layout import Layout
 from dore.world.problem import cell_id
 
 if TYPE_CHECKING:
-    from scripts.measure_vision import Arrangement
+    from scripts.arrangements import Arrangement
 
 _TO_PAPER = np.array([[0, 1], [-1, 0]])
 """Right is the robot's right, up is away from it."""
