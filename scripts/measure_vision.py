@@ -72,7 +72,7 @@ def main(options: Options) -> None:
     # A renderer compiles its shaders again once no other is left: this one stays.
     with standing(random_arrangement(LAYOUT, np.random.default_rng(options.seed)), camera) as env:
         rendered(env)
-        scenes, objects = upright_scenes(camera, options.scenes, options.seed, options.picture)
+        scenes, objects, first = upright_scenes(camera, options.scenes, options.seed)
         lying = lying_scenes(camera, options.lying, options.seed)
         hidden = hidden_scenes(camera, options.hidden, options.seed)
     about = {"seed": options.seed, "camera": options.camera, "rendering": render_backend()}
@@ -80,12 +80,15 @@ def main(options: Options) -> None:
     about["wrong"] = "; ".join(f"with noise={row['noise']}: {row['wrong']}" for row in scenes if row["wrong"])
     for name, rows in (("objects", objects), ("lying", lying), ("hidden", hidden), ("scenes", scenes)):
         write_measurements(options.out / name, rows, **about)
+    draw(options.picture, *first)  # Last: a new picture in the checkout would make the rows those of a changed one.
 
 
-def upright_scenes(camera: CameraConfig, count: int, seed: int, picture: Path) -> tuple[Rows, Rows]:
-    """A row a scene and a row an object, with noisy depth and with exact depth; draws the first noisy frame."""
+def upright_scenes(camera: CameraConfig, count: int, seed: int) -> tuple[Rows, Rows, Any]:
+    """A row a scene and a row an object, with noisy depth and with exact depth; and what `draw` takes, of the first
+    noisy frame."""
     scenes: Rows = []
     objects: Rows = []
+    first: Any = None
     for index in trange(count, desc="upright", file=sys.stderr):
         placed = random_arrangement(LAYOUT, np.random.default_rng([seed, 0, index]))
         with standing(placed, camera) as env:
@@ -102,8 +105,8 @@ def upright_scenes(camera: CameraConfig, count: int, seed: int, picture: Path) -
                 scenes.append(row | times | {"understood": understood})
                 objects += [{"noise": noise, "scene": index, **one} for one in object_rows(placed, seen.objects)]
                 if index == 0 and noise == "kinect":
-                    draw(picture, frame, seen.objects, placed)
-    return scenes, objects
+                    first = frame, seen.objects, placed
+    return scenes, objects, first
 
 
 def lying_scenes(camera: CameraConfig, count: int, seed: int) -> Rows:
