@@ -39,7 +39,7 @@ OWNERS = {
     "mplib": set(),
 }
 """Which packages may import a library that is slow to load or not always there."""
-WITHOUT_A_NETWORK = ("base", "exact", "astar", "bounds", "visited_set", "graph_search", "straight_line")
+WITHOUT_A_NETWORK = ("base", "compiled", "exact", "graph_search", "straight_line")
 """Planners that load neither TorchRL nor TensorDict."""
 
 

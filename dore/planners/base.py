@@ -17,6 +17,8 @@ from dore.world.rules import lift
 
 EXHAUSTED = "all {} boards that can be reached are exhausted"
 """The reason of a plan where a search proves that there is no solution."""
+LOCKED = "1 board seen: what blocks the target can never be reached"
+"""The same, where the relaxation of the start board proves it."""
 
 
 class RawPlan(NamedTuple):
@@ -33,6 +35,8 @@ class RawPlan(NamedTuple):
     """The proved fewest moves, where known."""
     reason: str = ""
     """Why there is no solution, in a few words."""
+    lower_bound: int | None = None
+    """Of an instance that was given up: no plan has fewer moves."""
 
 
 class Planner(ABC):
@@ -81,7 +85,7 @@ def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], plan
     plans = []
     for row, (raw_plan, problem) in enumerate(zip(raw_plans, problems_of(reach, start), strict=True)):
         moves = tuple(Move(*move, *degrees) for move, degrees in zip(raw_plan.moves, directions[row], strict=True))
-        # Seconds, expansions, optimum and reason are the same four in both.
+        # From the seconds on, both have the same fields.
         plan = Plan(raw_plan.status, moves, retrieve[row], planner, *raw_plan[2:])
         try:
             replay(problem, plan)

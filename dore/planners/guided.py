@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import torch
 
 from dore.errors import number, whole
-from dore.planners.base import EXHAUSTED, Planner, RawPlan
+from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan
 from dore.planners.beam import Beam
-from dore.planners.bounds import LOCKED, DeleteRelaxation, fewest_blocking
+from dore.planners.compiled import glance
 from dore.planners.learned import Learned
 from dore.world.episode import MAX_MOVES
+from dore.world.kernels import slices
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import retrievable
 
 WIDER = 4
 """By how much a beam that found nothing, or may find a shorter plan, is widened."""
@@ -57,9 +57,9 @@ class Guided(Planner):
     solution gives the shortest plan within the beam.
 
     If none is found the beam is widened and the search restarted, until a plan is found, or nothing had to be left
-    out, which proves that there is none, or the budget is spent. What `DeleteRelaxation.locked` proves unsolvable is
-    not searched twice. A plan as short as the fewest obstacles on any approach corridor of the target is optimal. A
-    longer one may be improved by a wider beam for `improve_seconds`; exhausting the shorter plans proves it too.
+    out, which proves that there is none, or the budget is spent. What `glance` proves unsolvable is not searched. A
+    plan as short as the fewest obstacles on any approach corridor of the target is optimal. A longer one may be
+    improved by a wider beam for `improve_seconds`; exhausting the shorter plans proves it too.
 
     Args:
         reach: may differ from the one trained on.
@@ -99,20 +99,21 @@ class Guided(Planner):
         self.max_moves = max_moves
         self.max_megabytes = number("planners.guided.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7)
         self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12, at_most=1e7)
-        self.relaxation = DeleteRelaxation(reach)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """Search them together until each is solved, refused or given up."""
         began = time.perf_counter()
-        searches = [_Attempt(fewest) for fewest in fewest_blocking(self.reach, batch).tolist()]
-        for search, is_open in zip(searches, retrievable(self.reach, *batch).tolist(), strict=True):
-            if is_open:
-                search.moves, search.proved, search.over = [], True, True
+        known = glance(self.reach, batch)
+        searches = [_Attempt(fewest) for fewest in known.fewest.tolist()]
+        for search, outcome in zip(searches, known.outcome.tolist(), strict=True):
+            search.proved = search.over = outcome in (slices.SOLVED, slices.LOCKED)
+            if outcome == slices.SOLVED:
+                search.moves = []
+            elif search.over:
+                search.refusal = LOCKED
         width, longest = self.width, self.max_moves
         while alive := [row for row, search in enumerate(searches) if not search.over]:
             self._widen(batch, searches, alive, width, longest, began)
-            if width == self.width:
-                self._refuse_locked(batch, searches)
             share = (time.perf_counter() - began) / len(alive)
             for row in alive:
                 searches[row].seconds += share
@@ -143,15 +144,6 @@ class Guided(Planner):
                 one.proved, one.refusal = True, EXHAUSTED.format(boards)
             if full:
                 one.spent = "memory budget"
-
-    def _refuse_locked(self, start: Batch, searches: list[_Attempt]) -> None:
-        """End the instances that no wider beam is needed for."""
-        rows = [row for row, search in enumerate(searches) if search.moves is None and not search.proved]
-        if not rows:
-            return
-        locked = self.relaxation.locked(start.board[rows], start.target[rows]).tolist()
-        for row in (row for row, is_locked in zip(rows, locked, strict=True) if is_locked):
-            searches[row].proved, searches[row].refusal = True, LOCKED
 
     def _judge(self, search: _Attempt) -> None:
         """Whether the work on an instance is over."""

@@ -17,11 +17,12 @@ from dore.learn.learner import Learner
 from dore.learn.rollout import Rollout, greedy_rollout
 from dore.learn.trainer import MAIN, StopReason, Trainer
 from dore.learn.worlds import World
-from dore.planners.base import EXHAUSTED, Planner, RawPlan
-from dore.planners.bounds import LOCKED, DeleteRelaxation
+from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan
+from dore.planners.compiled import glance
 from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned, raw_plan_of
 from dore.world.instances import InstanceSet
+from dore.world.kernels import slices
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -42,7 +43,7 @@ class Transfer(Planner):
     ours plays many at once).
 
     Not in the paper, which learns until T_lim: an instance is proved unsolvable where what blocks its target can
-    never be reached (`DeleteRelaxation.locked`), or where the memory holds all boards that can be reached.
+    never be reached (`glance`), or where the memory holds all boards that can be reached.
 
     Args:
         reach: may differ from the one trained on, as for `Learned`.
@@ -78,7 +79,6 @@ class Transfer(Planner):
             whole(f"planners.transfer.{name}", value, 1)
         self.reach = reach
         self.base = Learned(reach, model, max_moves)
-        self.relaxation = DeleteRelaxation(reach)
         self.max_moves = max_moves
         self.seed = seed_of("planners.transfer.seed", seed)
         self.lr = number("planners.transfer.lr", lr, above=0.0, at_most=10.0)
@@ -106,10 +106,10 @@ class Transfer(Planner):
         """The base model on all instances at once, then one learning after the other."""
         began = time.perf_counter()
         raw_plans = self.base.raw_plans(batch)
-        locked = self.relaxation.locked(*batch).tolist()
+        outcome = glance(self.reach, batch).outcome
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         for row, raw_plan in enumerate(raw_plans):
-            if locked[row]:
+            if outcome[row] == slices.LOCKED:
                 raw_plans[row] = RawPlan([], Status.UNSOLVABLE, share, raw_plan.expansions, reason=LOCKED)
             elif raw_plan.status is Status.SOLVED:
                 raw_plans[row] = raw_plan._replace(planning_s=share)

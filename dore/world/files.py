@@ -68,6 +68,7 @@ class _PlanFields(_SceneFields, forbid_unknown_fields=True, kw_only=True, omit_d
     planner: str
     planning_s: Annotated[float, Meta(ge=0)] = 0.0
     optimal_moves: Count | None = None
+    lower_bound: Count | None = None
 
     def plan(self) -> Plan:
         """The plan that they hold, not replayed."""
@@ -82,6 +83,7 @@ class _PlanFields(_SceneFields, forbid_unknown_fields=True, kw_only=True, omit_d
             self.planner,
             self.planning_s,
             optimal_moves=self.optimal_moves,
+            lower_bound=self.lower_bound,
         )
 
 
@@ -144,6 +146,7 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
         planner=plan.planner,
         planning_s=round(plan.planning_s, 6),
         optimal_moves=plan.optimal_moves,
+        lower_bound=plan.lower_bound,
     )
     write_record(path, msgspec.to_builtins(fields))
 

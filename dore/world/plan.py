@@ -57,6 +57,7 @@ class Plan:
     expansions: boards whose successors the planner generated.
     optimal_moves: the proved fewest moves, where known.
     reason: why there is no solution, or what a solution took, in a few words; often empty.
+    lower_bound: where the planner gave up, the moves that a plan has at least, if it proved that.
     """
 
     status: Status
@@ -67,6 +68,7 @@ class Plan:
     expansions: int = 0
     optimal_moves: int | None = None
     reason: str = ""
+    lower_bound: int | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -78,6 +80,9 @@ class Plan:
             raise InputError(
                 f"plan.optimal_moves: got {self.optimal_moves}, and the plan has {len(self.moves)} moves, want no fewer"
             )
+
+        if self.status is not Status.GAVE_UP and self.lower_bound is not None:
+            raise InputError(f"plan.lower_bound: got {self.lower_bound} with status {self.status}, want none")
 
     def _check_types(self) -> None:
         """Refuse what no plan file could hold; numbers of NumPy and torch become Python's."""
@@ -92,8 +97,9 @@ class Plan:
             "planning_s": number("plan.planning_s", self.planning_s, above=-1e-12),
             "expansions": whole("plan.expansions", self.expansions, 0),
         }
-        if self.optimal_moves is not None:
-            numbers["optimal_moves"] = whole("plan.optimal_moves", self.optimal_moves, 0)
+        for name in ("optimal_moves", "lower_bound"):
+            if (value := getattr(self, name)) is not None:
+                numbers[name] = whole(f"plan.{name}", value, 0)
         for name, value in numbers.items():
             object.__setattr__(self, name, value)
 

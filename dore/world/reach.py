@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -15,6 +16,7 @@ from torch import Tensor
 
 from dore.errors import InputError, number, whole
 from dore.world import board as boards
+from dore.world.kernels.tables import Table, table_of
 from dore.world.layout import Layout
 
 MAX_SECTORS = 720
@@ -110,6 +112,15 @@ class Reach:
         tensors = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
         vars(moved).update(tensors)
         return moved
+
+    @cached_property
+    def table(self) -> Table:
+        """The corridors of each cell, as the compiled kernels take them.
+
+        Raises:
+            InputError: the layout has more cells than the kernels hold.
+        """
+        return table_of(self.blocking_sets, self.allowed_sectors.any(-1), self.n_cells)
 
     def same_as(self, other: Reach) -> bool:
         """Whether both judge the same cells alike."""

@@ -7,7 +7,6 @@ import torch
 
 from dore.learn.corridor_features import LEVELS, N_PLANES, NEVER, SPARE, corridor_costs, corridor_planes
 from dore.learn.features import encode, n_planes
-from dore.planners.bounds import fewest_blocking
 from dore.planners.exact import Exact
 from dore.world.board import bit, pack, unpack
 from dore.world.generator import Difficulty, FreshInstances
@@ -16,6 +15,7 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility
 from tests.drawings import cells_of, scene_of, wide_hand
+from tests.oracles.bounds import fewest_blocking
 
 
 def drawn(drawing: str) -> tuple[Reach, torch.Tensor, torch.Tensor]:

@@ -86,7 +86,7 @@ def test_an_accessible_target_needs_no_moves() -> None:
 
 
 @pytest.mark.parametrize(
-    ("budget", "reason"), [({"max_nodes": 10}, "node budget"), ({"max_seconds": 1e-6}, "time budget")]
+    ("budget", "reason"), [({"max_nodes": 10}, "node budget"), ({"max_seconds": 1e-9}, "time budget")]
 )
 def test_a_tiny_budget_gives_up(budget: dict[str, float], reason: str) -> None:
     reach = wide_hand(6, 6)

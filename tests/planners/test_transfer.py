@@ -8,7 +8,7 @@ import torch
 from dore.errors import InputError
 from dore.learn import keys
 from dore.learn.trainer import MAIN
-from dore.planners.bounds import LOCKED
+from dore.planners.base import LOCKED
 from dore.planners.exact import Exact
 from dore.planners.instance_memory import InstanceMemory, Returning
 from dore.planners.learned import Learned

@@ -21,9 +21,6 @@ MAX_SPARE = 4
 MAX_WAYS = 32768
 """Where a test finds more ways than this, what is still untested is assumed to be open."""
 
-LOCKED = "1 board seen: what blocks the target can never be reached"
-"""The reason of a plan that `DeleteRelaxation.locked` refuses."""
-
 
 class _Ways(NamedTuple):
     """Ways to free a corridor that are being tried, M of them."""

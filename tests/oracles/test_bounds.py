@@ -8,14 +8,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from dore.planners import bounds
-from dore.planners.bounds import DeleteRelaxation
 from dore.planners.exact import Exact
 from dore.world.board import count
 from dore.world.layout import Layout
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
 from tests.drawings import PUBLISHED, WIDE_HAND, scene_of, wide_hand
+from tests.oracles import bounds
+from tests.oracles.bounds import DeleteRelaxation
 from tests.planners.test_exact import batch_of, check_against_enumeration, every_board
 from tests.trust.judge import Board, Exhaustion, World
 

@@ -1,0 +1,185 @@
+"""A search of many boards in slices of time: what it keeps from one call to the next, and how it runs.
+
+A kernel returns to Python every `SLICE_NS`, so that Ctrl-C is heard, and where the store has to grow.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from dore.world.kernels.bits import Board
+from dore.world.kernels.bound import Ways, new_ways
+from dore.world.kernels.compiling import cpu_ns, kernel
+from dore.world.kernels.store import (
+    ENTRIES,
+    MOST_MOVES,
+    NODES,
+    UNHASHED,
+    Store,
+    bytes_a_node,
+    clear,
+    grown,
+    hash_some,
+    new_store,
+)
+from dore.world.kernels.tables import Table
+
+SLICE_NS = 50_000_000
+TICK = 2000
+"""Ways tried between two looks at the clock, some 100 us."""
+EXPANSION = 8
+"""What an expansion counts for beside them."""
+
+SOLVED, UNSOLVABLE, LOCKED, OUT_OF_TIME, OUT_OF_NODES, OUT_OF_MEMORY, TOO_LONG, RUNNING, PAUSED, FULL = range(10)
+"""How the search of a board ends; LOCKED: what blocks the target can never be reached, by the relaxation; or that it
+goes on, that the slice is over, or that the store has to grow first."""
+
+ROW, STARTED, BOUND, EXCESS, BUDGET, EXPANSIONS, SPENT_NS, NEXT_LOOK = range(8)
+MAX_NS, MAX_NODES, MAX_ROOM = range(3)
+STATUS, N_MOVES, N_EXPANSIONS, N_SEEN, FEWEST, CPU_NS = range(6)
+
+FIRST_ROOM = 512
+"""Nodes that there is room for at first, beside those of one expansion."""
+MOST_ROOM = 2**30 - 1
+"""Nodes that 32 bits can number."""
+
+
+class Work(NamedTuple):
+    """The state of a search of B boards, and its results.
+
+    at: int64[8], the row of the board in work and how far it is.
+    limits: int64[3], for each board: CPU nanoseconds; nodes; how many nodes the store may hold.
+    found: int64[B, 6], of each board: how it ended; moves of the plan; boards expanded; boards seen; the fewest moves
+        that are not ruled out; CPU nanoseconds.
+    moves: int32[B, 2 * MOST_MOVES], the plans, (pick, place) in turn.
+    is_open: int64[D], room for the corridors of a target. clock: int64[2], room for the clock.
+    """
+
+    at: np.ndarray
+    limits: np.ndarray
+    found: np.ndarray
+    moves: np.ndarray
+    is_open: np.ndarray
+    clock: np.ndarray
+    ways: Ways
+
+
+@kernel
+def begin_at_zero(work: Work, store: Store) -> None:
+    """Forget the board before, and look at the clock at the first expansion."""
+    at = work.at
+    at[BOUND] = at[EXCESS] = at[BUDGET] = at[EXPANSIONS] = 0
+    at[STARTED], at[NEXT_LOOK] = 1, work.ways.effort[0]
+    clear(store)
+
+
+@kernel
+def spent(work: Work, store: Store, n_nodes: int, most_new: int, began: int, slice_ends: int) -> int:
+    """Whether the search of a board may go on by one more expansion, which adds `most_new` boards at most."""
+    at, effort, room = work.at, work.ways.effort, len(store.board)
+    effort[0] += EXPANSION
+    if effort[0] >= at[NEXT_LOOK]:
+        at[NEXT_LOOK] = effort[0] + TICK
+        now = cpu_ns(work.clock)
+        if now - began > work.limits[MAX_NS]:
+            return OUT_OF_TIME
+        if now > slice_ends:
+            return PAUSED
+    if n_nodes >= work.limits[MAX_NODES]:
+        return OUT_OF_NODES
+    if max(store.size[NODES], store.size[ENTRIES] - room) + most_new > room:
+        return FULL if room < work.limits[MAX_ROOM] else OUT_OF_MEMORY
+    return RUNNING
+
+
+@kernel
+def resume(work: Work, store: Store, like: Board) -> tuple[int, int, int]:
+    """Begin a slice: set the slots that are not set since the store has grown; like: any board.
+
+    Returns when the board in work was begun and when the slice ends, in the clock's nanoseconds, and RUNNING or PAUSED.
+    """
+    now = cpu_ns(work.clock)
+    began, slice_ends = now - work.at[SPENT_NS], now + SLICE_NS
+    while store.size[UNHASHED] > 0:
+        hash_some(store, TICK, like)
+        if cpu_ns(work.clock) > slice_ends:
+            work.at[SPENT_NS] = cpu_ns(work.clock) - began
+            return began, slice_ends, PAUSED
+    return began, slice_ends, RUNNING
+
+
+@kernel
+def turn(work: Work, store: Store, outcome: int, began: int, slice_ends: int) -> tuple[int, int]:
+    """Turn to the next board if the one in work is decided or given up; its moves are kept already.
+
+    Returns when the board now in work was begun, and RUNNING, PAUSED or FULL.
+    """
+    at, now = work.at, cpu_ns(work.clock)
+    if outcome == PAUSED or outcome == FULL:
+        at[SPENT_NS] = now - began
+        return began, outcome
+    found = work.found[at[ROW]]
+    found[STATUS], found[CPU_NS], found[N_SEEN] = outcome, now - began, max(store.size[NODES], 1)
+    found[N_EXPANSIONS], found[FEWEST] = at[EXPANSIONS], at[BOUND] + at[EXCESS]
+    at[ROW] += 1
+    at[STARTED] = at[SPENT_NS] = 0
+    return now, PAUSED if now > slice_ends else RUNNING
+
+
+class Limits(NamedTuple):
+    """The budgets of each board: CPU seconds, nodes, and MiB of the boards seen."""
+
+    seconds: float
+    nodes: int
+    megabytes: float
+
+
+class Found(NamedTuple):
+    """What a search found for B boards.
+
+    outcome: how it ended, one of those above. moves: int32[B, 2 * MOST_MOVES], the plans, (pick, place) in turn.
+    n_moves: how many, of each. expansions: boards expanded. seen: boards seen. fewest: no plan has fewer moves.
+    cpu_ns: CPU nanoseconds. All int64[B] but the moves.
+    """
+
+    outcome: np.ndarray
+    n_moves: np.ndarray
+    expansions: np.ndarray
+    seen: np.ndarray
+    fewest: np.ndarray
+    cpu_ns: np.ndarray
+    moves: np.ndarray
+
+
+def run(kernel: Callable[..., int], table: Table, boards: np.ndarray, targets: np.ndarray, limits: Limits) -> Found:
+    """Search uint64[B, W] boards with int64[B] targets, slice by slice."""
+    words, n_obstacles = boards.shape[1], np.bitwise_count(boards).sum(1, dtype=np.int64)
+    n_cells = len(table.n_corridors)
+    most_room = int(min(max(1, limits.megabytes * 2**20 / bytes_a_node(words)), MOST_ROOM))
+    first_room = min(most_room, FIRST_ROOM + int((n_obstacles * (n_cells - n_obstacles)).max(initial=0)))
+    work = Work(
+        np.zeros(8, np.int64),
+        np.array([limits.seconds * 1e9, min(limits.nodes, 2**62), most_room], np.int64),
+        np.zeros((len(boards), 6), np.int64),
+        np.empty((len(boards), 2 * MOST_MOVES), np.int32),
+        np.empty(table.corridors.shape[1], np.int64),
+        np.zeros(2, np.int64),
+        new_ways(words),
+    )
+    store = new_store(first_room, words)
+    while (outcome := kernel(table, boards, targets, work, store)) != RUNNING:
+        if outcome == FULL:
+            began = time.thread_time_ns()
+            try:
+                store = grown(store, min(2 * len(store.board), most_room))
+            except MemoryError:
+                work.limits[MAX_ROOM] = 0
+            work.at[SPENT_NS] += time.thread_time_ns() - began
+        elif work.at[STARTED] == 0 and len(store.board) > first_room:
+            store = new_store(first_room, words)  # A hard board's is long to clear.
+    outcome, n_moves, expansions, seen, fewest, cpu_ns = work.found.T
+    return Found(outcome, n_moves, expansions, seen, fewest, cpu_ns, work.moves)
