@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+import numpy as np
+
 from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
@@ -31,8 +33,12 @@ class Compiled(Planner):
     """A search over boards by a compiled kernel, one instance after the other."""
 
     kernel: Callable[..., int]
-    limits: Limits
     group = 4096  # Room for plans is taken for all at once.
+
+    def __init__(self, reach: Reach, limits: Limits) -> None:
+        self.reach, self.limits = reach, limits
+        # Compiles the kernel, or loads it, so that no plan's time holds that.
+        slices.run(self.kernel, reach.table, np.empty((0, reach.n_words), np.uint64), np.empty(0, np.int64), limits)
 
     def find(self, batch: Batch) -> slices.Found:
         """What is found for many instances, as arrays, unchecked: some 150,000 small ones a second."""

@@ -47,9 +47,9 @@ class Exact(Compiled):
     kernel = staticmethod(search)
 
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float, max_memory_mb: float) -> None:
-        self.reach = reach
-        self.limits = Limits(
+        limits = Limits(
             seconds=number("planners.exact.max_seconds", max_seconds, above=0.0, at_most=1e7),
             nodes=whole("planners.exact.max_nodes", max_nodes, 1),
             megabytes=number("planners.exact.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7),
         )
+        super().__init__(reach, limits)

@@ -37,9 +37,9 @@ class GraphSearch(Compiled):
     kernel = staticmethod(breadth_first)
 
     def __init__(self, reach: Reach, max_nodes: int, max_seconds: float) -> None:
-        self.reach = reach
-        self.limits = Limits(
+        limits = Limits(
             seconds=number("planners.graph_search.max_seconds", max_seconds, above=0.0, at_most=1e7),
             nodes=whole("planners.graph_search.max_nodes", max_nodes, 1),
             megabytes=math.inf,
         )
+        super().__init__(reach, limits)
