@@ -6,10 +6,21 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dore.app.front_door import evaluate, load_model, make_env, plan
+
+if find_spec("gymnasium"):
+    import gymnasium
+
+    _HERE = "dore.app.gymnasium_envs"
+    gymnasium.register(
+        "Dore/Rearrange-v0",
+        entry_point=f"{_HERE}:Rearrange",
+        vector_entry_point=f"{_HERE}:VectorRearrange",
+    )
 
 __version__ = "0.1.0"
 __all__ = ["evaluate", "load_model", "make_env", "plan"]

@@ -33,7 +33,8 @@ ALLOWED_IN_SIM: dict[str, set[str]] = {
 }
 """The same between the packages of dore.sim; `base`: the modules directly under it."""
 OWNERS = {
-    **{key: {"sim"} for key in ("mani_skill", "sapien", "pinocchio", "pin", "coal", "hppfcl", "gymnasium")},
+    **{key: {"sim"} for key in ("mani_skill", "sapien", "pinocchio", "pin", "coal", "hppfcl")},
+    "gymnasium": {"sim", "app"},
     **{key: {"learn", "planners", "app"} for key in ("torchrl", "tensordict")},
     "matplotlib": {"draw", "report", "sim"},
     "mplib": set(),
@@ -71,9 +72,11 @@ IMPORTS = {module_of(path): imports_of(path) for path in FILES}
 
 
 def package_of(module: str) -> str:
-    """`planners` of dore.planners.base, `ground` of what lies directly under dore/."""
+    """`planners` of dore.planners.base, `ground` of what lies directly under dore/; `import dore` is a door of app."""
     parts = module.split(".")
-    return "ground" if len(parts) == 1 or parts[1] in GROUND else parts[1]
+    if len(parts) == 1:
+        return "app"
+    return "ground" if parts[1] in GROUND else parts[1]
 
 
 def part_of(module: str) -> str | None:

@@ -107,7 +107,7 @@ def load_model(
     reach: str | None = None,
     device: str = "cpu",
 ) -> Agent:
-    """A trained agent: `agent.policy` acts in a `make_env` of the same layout, `agent.networks` holds its weights.
+    """A trained agent: `agent.policy` acts greedily in a `make_env` of the same layout, `agent.networks` holds weights.
 
     Args:
         model: a run or a model file; None: the one in the package, which serves every layout.
@@ -119,7 +119,9 @@ def load_model(
     cfg = _composed("evaluate", {"layout": layout, "reach": reach}, model=model)
     world = build.world_of(cfg, build.model_config(cfg))
     on = build.reach_of(world, device, layout if isinstance(layout, Layout) else None)
-    return Learned(on, model, max_moves=1).agent
+    agent = Learned(on, model, max_moves=1).agent
+    agent.set_epsilon(0.0)
+    return agent
 
 
 def evaluate(

@@ -1,4 +1,4 @@
-"""The environment as TorchRL's stock losses and modules expect it: one observation, one action, its mask, one reward."""
+"""The environment as TorchRL's stock losses expect it: one observation, one action, its mask, one reward."""
 
 from __future__ import annotations
 
