@@ -27,7 +27,7 @@ MOVED = {
 }
 """Where the classes of version 0.1 are now, for the model files and run folders that name them."""
 
-OWN = ("dore.learn", "dore.planners", "dore.world")
+OWN = ("dore.learn", "dore.planners", "dore.sim", "dore.world")
 TORCH = (
     *("torch.nn.modules", "torch.optim"),
     *("torchrl.data.replay_buffers", "torchrl.objectives", "torchrl.record.loggers"),
@@ -175,6 +175,8 @@ def _allowed(name: str) -> bool:
     found = _found(name)
     if inspect.ismethod(found):  # A constructor of its own, as Layout.grid.
         found = found.__self__
+    if inspect.isfunction(found):  # That which describes an arm, as dore.sim.scene.panda.panda.
+        return found.__module__.startswith("dore.sim.scene.") and found.__annotations__.get("return") == "ArmModel"
     return inspect.isclass(found) and _within(found.__module__, (*OWN, *TORCH))
 
 

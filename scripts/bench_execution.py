@@ -2,8 +2,8 @@
 
 python -m scripts.bench_execution out=FOLDER [plans=20]
 FOLDER/rows.csv has a row a plan and process, first of one process, then of two that begin together; `dore-report
-study=execution_speed` makes the page. Open loop, without pictures, 3 x 6 with 7 obstacles; the start of a process and
-its first execution do not count.
+study=execution_speed` makes the page. Open loop, without pictures, 3 x 6 with 7 obstacles, the environment kept as
+dore-evaluate does; the start of a process and its first execution do not count.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
 import torch
 
 from dore.app import build
-from dore.app.execute import open_loop_of, setup_of
+from dore.app.execute import loop_of, plan_problem, setup_of
 from dore.report.measurements import write_measurements
 from dore.sim.kinematics import ArmKinematics
 from dore.sim.motion.collision import CollisionChecker
-from dore.sim.run.execution import run_loop
 from dore.sim.run.setup import CONTROL_S
+from dore.sim.run.workcell import Workcell
+from dore.world.generator import Difficulty
+from dore.world.instances import InstanceSet
 from dore.world.problem import Problem, Scene
-from scripts.executions import solvable_scenes
 from scripts.program import composed, run
 
 PARTS: dict[str, tuple[Any, str]] = {
@@ -52,7 +52,9 @@ class Options:
 def main(options: Options) -> None:
     """Measure and write the rows."""
     load = f"{os.getloadavg()[0]:.2f}"
-    scenes = solvable_scenes(["exact"], 7, options.plans, 4 * options.plans, 11)
+    reach = build.reach_of(composed("execute", "reach=panda_slim"), "cpu")
+    instances = InstanceSet.generate(reach, options.plans, Difficulty(7, 7), "test", 11)
+    scenes = [problem.scene for problem in instances]
     rows = [row for processes in (1, 2) for row in together(scenes, processes)]
     write_measurements(options.out, rows, load_before=load, control_s=CONTROL_S)
 
@@ -77,18 +79,19 @@ def _carry_out(scenes: list[Scene]) -> Rows:
     for name, (owner, method) in PARTS.items():
         setattr(owner, method, _timed(getattr(owner, method), name, parts))
     cfg = composed("execute", "planner=exact")
-    setup, reach = setup_of(cfg, film=False), build.reach_of(cfg, "cpu")
-    loops = [open_loop_of(cfg, Problem(scene, reach)) for scene in scenes]
+    cell = Workcell(setup_of(cfg, film=False), scenes[0].layout)
+    plan = partial(plan_problem, build.planner_of(cfg, cell.reach))
+    loops = [loop_of(cfg, Problem(scene, cell.reach), "exact", plan) for scene in scenes]
     rows = []
-    with TemporaryDirectory() as folder:
-        run_loop(loops[0], setup, Path(folder))
-        globals()["_start"].wait()
-        for number, loop in enumerate(loops, 1):
-            parts.update(dict.fromkeys(PARTS, 0.0))
-            began = time.perf_counter()
-            report = run_loop(loop, setup, Path(folder))
-            seconds, steps = time.perf_counter() - began, round(report.simulated_s / CONTROL_S)
-            rows.append({"plan": number, "seconds": seconds, "steps": steps, **parts})
+    cell.carry_out(loops[0], seed=0)
+    globals()["_start"].wait()
+    for number, loop in enumerate(loops, 1):
+        parts.update(dict.fromkeys(PARTS, 0.0))
+        began = time.perf_counter()
+        report = cell.carry_out(loop, seed=0)
+        seconds, steps = time.perf_counter() - began, round(report.simulated_s / CONTROL_S)
+        rows.append({"plan": number, "seconds": seconds, "steps": steps, **parts})
+    cell.close()
     return rows
 
 

@@ -87,13 +87,12 @@ def _run_command(name: str, cfg: DictConfig) -> int:
     """`NAME_command` of dore.app.NAME; imported only after the config is composed, so that --help answers at once."""
     own_parts.prepare(cfg)
     try:
-        module = import_module(f"dore.app.{name}")
+        code: int = getattr(import_module(f"dore.app.{name}"), f"{name}_command")(cfg)
     except ModuleNotFoundError as error:
-        if name != "execute" or error.name is None or error.name.partition(".")[0] not in SIMULATOR:
+        if error.name is None or error.name.partition(".")[0] not in SIMULATOR:
             raise
         missing = f"needs the simulator, and {error.name} is not installed"
         raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
-    code: int = getattr(module, f"{name}_command")(cfg)
     return code
 
 

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import re
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from omegaconf import DictConfig, open_dict
+from omegaconf import DictConfig, OmegaConf, open_dict
 
 from dore.app import build, run_folder
 from dore.errors import ExitCode, InputError, path_of
-from dore.files import CONFIG_FILE, GROUPS_FILE, ROWS_FILE, locked, write_record
+from dore.files import CONFIG_FILE, GROUPS_FILE, ROWS_FILE, conf_dir, locked, write_record
 from dore.planners.base import Planner
-from dore.report.evaluation import evaluate_into
-from dore.report.rows import Timing
+from dore.report.evaluation import collect_rows, evaluate_into
+from dore.report.rows import ExecutedRow, Timing
 from dore.report.tables import evaluation_tables
 from dore.world.instances import InstanceSet
+
+OF_AN_ARM = (
+    *("objects", "view", "camera", "disturbance", "loop", "jitter_m", "turned", "limits", "seed", "workers", "backend"),
+)
+"""Keys that say how an arm carries plans out."""
 
 
 class Evaluation(NamedTuple):
@@ -32,15 +39,23 @@ class Evaluation(NamedTuple):
             raise InputError(f"split: got {cfg.split!r}, want test or validation")
         if cfg.timing not in tuple(Timing):
             raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
-        world = build.world_of(cfg, build.model_config(cfg))
-        reach = build.reach_of(world, cfg.device)
-        splits = build.splits_of(world, reach)
+        model = build.model_config(cfg)
+        if cfg.get("arm") is not None:  # It may not reach the model's layout.
+            model = {**model, "layout": OmegaConf.load(conf_dir() / "layout" / "3x6.yaml")}
+        with open_dict(cfg):
+            cfg.update(build.world_of(cfg, model))
+            if cfg.get("arm") is not None:
+                from dore.app.in_scene import own_reach  # Loads the simulator.
+
+                cfg.reach = own_reach(cfg)
+            elif unused := [one for one in run_folder.changes() if re.split(r"[=.@]", one.lstrip("+"))[0] in OF_AN_ARM]:
+                raise InputError(f"{unused[0]}: has no effect unless an arm carries plans out, want arm=NAME too")
+        reach = build.reach_of(cfg, cfg.device)
+        splits = build.splits_of(cfg, reach)
         planners = build.planners_of(cfg, reach)
         instances: InstanceSet = splits.test(reach) if cfg.split == "test" else splits.validation(reach)
         if cfg.limit is not None:
             instances = instances.first(cfg.limit)
-        with open_dict(cfg):
-            cfg.update(world)
         return cls(planners, instances, Timing(cfg.timing))
 
 
@@ -64,7 +79,13 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
     """Make the rows that are missing, and print the tables; this process has locked the folder."""
     if not (folder / ROWS_FILE).exists():
         try:
-            evaluate_into(folder, *evaluation)
+            if cfg.get("arm") is None:
+                evaluate_into(folder, *evaluation)
+            else:
+                from dore.app.in_scene import rows_of_scenes
+
+                make_rows = partial(rows_of_scenes, cfg, evaluation.planners, evaluation.instances)
+                collect_rows(folder, ExecutedRow, make_rows)
         except KeyboardInterrupt:
             print(f"stopped; resume with: dore-evaluate resume={folder}")
             return ExitCode.STOPPED
@@ -78,7 +99,9 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
 def _own_config(folder: Path, given: DictConfig) -> DictConfig:
     """An evaluation's own config, in which nothing may differ: rows of two kinds would be in one file."""
     cfg = run_folder.read_config(
-        folder, expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"), known=map(str, given)
+        folder,
+        expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"),
+        known=(*map(str, given), "arm"),
     )
     if changes := run_folder.changes():
         raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -28,14 +29,13 @@ def execute_command(cfg: DictConfig) -> int:
 
     0: done; 1: a fault was seen on the way; 3: refused before anything moved.
     """
-    for key, options in (("video", ("auto", "off")), ("loop", ("open", "closed"))):
-        if cfg[key] not in options:
-            raise InputError(f"{key}: got {cfg[key]!r}, want {' or '.join(options)}")
+    if cfg.video not in ("auto", "off"):
+        raise InputError(f"video: got {cfg.video!r}, want auto or off")
     if (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
     build.use_threads(cfg.threads)
     setup = setup_of(cfg, film=cfg.video == "auto")
-    loop = (_closed if cfg.loop == "closed" else _open)(cfg)
+    loop = _of_scene(cfg, setup) if cfg.plan is None else _of_plan(cfg)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(REPORT_NAME,)) as folder:
         report = run_loop(loop, setup, folder)
     _print_report(report, folder)
@@ -50,17 +50,20 @@ def setup_of(cfg: DictConfig, film: bool) -> Setup:
     return Setup(arm, objects, view, camera, seed_of("seed", cfg.seed), film, cfg.jitter_m, cfg.turned)
 
 
-def closed_loop_of(cfg: DictConfig, problem: Problem) -> ClosedLoop:
-    """The closed loop of a composed config."""
-    planner = build.planner_of(cfg, problem.reach)
+def loop_of(cfg: DictConfig, problem: Problem, planner: str, plan: Callable[[Problem], Plan]) -> Loop:
+    """The loop of a composed config: an open one with the problem's plan, or a closed one.
+
+    planner: the name of what plans.
+
+    Raises:
+        InputError: no such loop, or what disturbance or limits refuse.
+    """
+    if cfg.loop not in ("open", "closed"):
+        raise InputError(f"loop: got {cfg.loop!r}, want open or closed")
     disturbance, limits = (make(cfg[name], name) for name in ("disturbance", "limits"))
-    return ClosedLoop(problem, planner.name, partial(plan_problem, planner), disturbance, limits)
-
-
-def open_loop_of(cfg: DictConfig, problem: Problem) -> OpenLoop:
-    """The open loop of a composed config, with its planner's plan."""
-    planner = build.planner_of(cfg, problem.reach)
-    return OpenLoop(PlanFile(problem, plan_problem(planner, problem)))
+    if cfg.loop == "closed":
+        return ClosedLoop(problem, planner, plan, disturbance, limits)
+    return OpenLoop(PlanFile(problem, plan(problem)), disturbance)
 
 
 def plan_problem(planner: Planner, problem: Problem) -> Plan:
@@ -68,32 +71,32 @@ def plan_problem(planner: Planner, problem: Problem) -> Plan:
     return planner.plan(Batch.of(problem))[0]
 
 
-def _open(cfg: DictConfig) -> Loop:
-    """A plan as it is, or one for the scene."""
-    for name in ("disturbance", "limits"):
-        make(cfg[name], name)  # Of a closed loop alone; what is wrong with them is said in any case.
-    if cfg.plan is None:
-        return open_loop_of(cfg, _problem(cfg))
+def _of_plan(cfg: DictConfig) -> Loop:
+    """A plan as it is."""
+    if cfg.loop == "closed":
+        raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
     plan_file = read_plan(path_of("plan", cfg.plan))
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
-    return OpenLoop(plan_file)
+    return loop_of(cfg, plan_file.problem, plan_file.plan.planner, lambda _: plan_file.plan)
 
 
-def _closed(cfg: DictConfig) -> Loop:
-    """The scene, which the arm has to see for itself."""
-    if cfg.scene is None:
-        raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
-    return closed_loop_of(cfg, _problem(cfg))
+def _of_scene(cfg: DictConfig, setup: Setup) -> Loop:
+    """A scene with a planner's plan, or one that the arm has to see for itself."""
+    problem = _problem(cfg, setup)
+    planner = build.planner_of(cfg, problem.reach)
+    return loop_of(cfg, problem, planner.name, partial(plan_problem, planner))
 
 
-def _problem(cfg: DictConfig) -> Problem:
-    """The scene, and the reach on its layout."""
-    if cfg.scene != "random":
-        scene = scenes.given(cfg).scene
-        return Problem(scene, build.reach_of(cfg, "cpu", scene.layout))
+def _problem(cfg: DictConfig, setup: Setup) -> Problem:
+    """The scene, and on its layout the arm's reach, or the one that is given."""
+    given = scenes.given(cfg).scene if cfg.scene != "random" else None
+    layout = given.layout if given else make(cfg.layout, "layout")
+    reach = setup.reach(layout) if cfg.get("reach") is None else build.reach_of(cfg, "cpu", layout)
+    if given:
+        return Problem(given, reach)
     scenes.check_random(cfg)
-    reach, obstacles = build.reach_of(cfg, "cpu"), whole("obstacles", cfg.obstacles, 1)
+    obstacles = whole("obstacles", cfg.obstacles, 1)
     if obstacles >= reach.n_cells:
         raise InputError(f"obstacles: got {obstacles}, want at most {reach.n_cells - 1}, one cell less than there are")
     return random_problem(reach, Difficulty(obstacles, obstacles), cfg.seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,21 +26,31 @@ def evaluate_into(
 ) -> None:
     """Evaluate planners into a folder's rows.csv, each row on the disk as it comes.
 
-    Where a killed evaluation has left a rows.part.csv, it is resumed: what is lost is the instance, or the batch, that
-    it was killed in.
+    What a kill loses is the instance, or the batch, that it comes in.
 
     Raises:
         InputError: what `rows_as_they_come` raises, or a rows.part.csv that cannot be read.
         PlanError: a plan that does not replay.
     """
+    collect_rows(folder, Row, lambda done: rows_as_they_come(planners, instances, timing, done, batch_size))
+
+
+def collect_rows(folder: Path, kind: type[Row], rows: Callable[[pd.DataFrame], Iterator[Row]]) -> None:
+    """Make a folder's rows.csv; where a killed evaluation has left a rows.part.csv, it is resumed.
+
+    kind: of the rows. rows: those that are missing, given those that are done.
+
+    Raises:
+        InputError: a rows.part.csv that cannot be read, and what `rows` raises.
+    """
     partial = folder / PARTIAL
     if partial.exists():
         _cut_unfinished_line(partial)
     else:
-        write_rows(partial, [])
+        write_rows(partial, [], kind)
     done = read_rows(partial)
     with partial.open("a", encoding="utf-8", newline="") as file:
-        for row in rows_as_they_come(planners, instances, timing, done, batch_size):
+        for row in rows(done):
             append_row(file, row)
     partial.replace(folder / ROWS_FILE)
 
@@ -74,7 +84,7 @@ def rows_as_they_come(
         raise InputError(f"planners: got {', '.join(names)}, want different names")
     step = 1 if timing is Timing.SINGLE else whole("batch_size", batch_size, 1)
     problems = list(instances)
-    _check_done(done, names, problems, timing)
+    check_done(done, names, problems, timing)
     with tqdm(total=len(planners) * len(problems), initial=len(done), unit="plan") as bar:
         for planner in planners:
             there = set(done.instance[done.planner == planner.name])
@@ -83,11 +93,11 @@ def rows_as_they_come(
             bar.set_description(planner.name)
             planner.plan(instances.batch(slice(0, 1)))
             for number, problem, plan in _plans(planner, instances, problems, step, there):
-                yield _row(planner.name, number, problem, plan, timing)
+                yield row_of(planner.name, number, problem, plan, timing)
                 bar.update()
 
 
-def _check_done(done: pd.DataFrame, names: list[str], problems: list[Problem], timing: Timing) -> None:
+def check_done(done: pd.DataFrame, names: list[str], problems: list[Problem], timing: Timing) -> None:
     """Refuse rows that these planners, instances and timing cannot have made."""
     known = done.planner.isin(names) & (done.timing == timing)
     for column in ("n_obstacles", "obstacles", "target"):
@@ -112,8 +122,12 @@ def _plans(
                 yield number, problem, plan
 
 
-def _row(planner: str, number: int, problem: Problem, plan: Plan, timing: Timing) -> Row:
-    """The row of one plan, if it replays."""
+def row_of(planner: str, number: int, problem: Problem, plan: Plan, timing: Timing) -> Row:
+    """The row of one plan, if it replays.
+
+    Raises:
+        PlanError: it does not.
+    """
     try:
         replay(problem, plan)
     except PlanError as error:

@@ -1,4 +1,4 @@
-"""What runs left behind, as data frames: evaluations, trainings, executions, measurements, and rows kept by a page."""
+"""What runs left behind, as data frames: evaluations, trainings, measurements, and rows kept by a page."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from dore.errors import InputError
 from dore.files import ABOUT_FILE, CONFIG_FILE, DONE_FILE, METRICS_FILE, ROWS_FILE, read_done, read_record
 from dore.report.rows import ROW_COLUMNS, read_rows, read_table
 
-EXECUTION, ARGUMENTS = "execution.json", "arguments.json"
-PUSHED_MM = 5.0
-"""An object that should not move was pushed if it moved by more than this."""
 Spec = Mapping[str, Any]
 """A study's file, or a part of it."""
 
@@ -151,48 +148,6 @@ def _with_proofs(rows: pd.DataFrame, same: list[str]) -> pd.DataFrame:
     return rows.assign(solvable=solvable, unsolvable=unsolvable, undecided=~(solvable | unsolvable), optimum=least)
 
 
-def executions(root: Path, pattern: str) -> Source:
-    """Every execution of the folders of a pattern that ended, from its report; what was measured per move is reduced.
-
-    pushed: moves in which an object that should stand still moved by more than `PUSHED_MM`. faults, plans: how many a
-    closed loop noted. The folder of each kind of executions says in arguments.json what they are.
-    """
-    rows: list[dict[str, Any]] = []
-    kinds: dict[Path, dict[str, Any]] = {}
-    for folder, names in folders(root, pattern, EXECUTION):
-        report = read_record(folder / EXECUTION)
-        of_kind = root / pattern.partition("/")[0].format(**names)
-        kind = kinds.setdefault(of_kind, names | {"unfinished": 0} | about_of(of_kind))
-        if report["finished"]:
-            rows.append(names | _execution(report))
-        else:
-            kind["unfinished"] += 1
-    frame = pd.DataFrame(rows)
-    for name in ("obstacles", "column"):
-        if name in frame:
-            frame[name] = frame[name].astype(int)
-    return Source(frame, pd.DataFrame(list(kinds.values())))
-
-
-def _execution(report: dict[str, Any]) -> dict[str, Any]:
-    """One row of `executions`."""
-    moves, events = pd.DataFrame(report["moves"]), [event["event"] for event in report["events"]]
-    disturbances = [event["text"] for event in report["events"] if event["event"] == "disturbance"]
-    worst = {name: moves[name].max() for name in ("others_moved_mm", "placement_error_mm", "tilt_deg") if name in moves}
-    return {
-        "disturbance": disturbances[0] if disturbances else "",
-        **{key: report[key] for key in ("outcome", "refused", "success", "claimed")},
-        "toppled": report["outcome"] == "toppled" or report["conditions"].get("all_upright") is False,
-        "moves": len(moves),
-        "pushed": int((moves["others_moved_mm"] > PUSHED_MM).sum()) if len(moves) else 0,
-        "faults": events.count("fault"),
-        "plans": events.count("plan"),
-        **worst,
-        "grasp_margin_mm": moves["grasp_margin_mm"].min() if len(moves) else 0.0,
-        **{key: report[key] for key in ("simulated_s", "rehearsal_s", "wall_s", "message")},
-    }
-
-
 def kept(folder: Path, pattern: str) -> Source:
     """CSV files, one below the other; a NAME.json beside NAME.csv gives columns that are the same in all its lines."""
     rows, runs = [], []
@@ -210,13 +165,12 @@ def kept(folder: Path, pattern: str) -> Source:
 
 def about_of(folder: Path) -> dict[str, Any]:
     """Everything that a run's own files say of it, under dotted names: config (its classes by today's names), about,
-    done, arguments."""
+    done."""
     config = folder / CONFIG_FILE
     files = {
         "config": renamed(yaml.safe_load(config.read_text(encoding="utf-8"))) if config.exists() else {},
         "about": read_record(folder / ABOUT_FILE),
         "done": read_done(folder),
-        "arguments": read_record(folder / ARGUMENTS),
     }
     # A list is one value, written out.
     return {key: str(value) if isinstance(value, list) else value for key, value in leaves(files)}

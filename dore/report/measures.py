@@ -89,8 +89,14 @@ def saved(rows: pd.DataFrame, of: str, to: str) -> Estimate:
 
 
 def difference(rows: pd.DataFrame, of: str, to: str) -> Estimate:
-    """The mean of `of` less `to`, row by row, with its t interval."""
-    return estimates.sample_mean(numbers(rows, of) - numbers(rows, to))
+    """The mean of `of` less `to`, row by row, with its t interval; rows where one of them is missing are left out."""
+    return estimates.sample_mean((numbers(rows, of) - numbers(rows, to)).dropna())
+
+
+def paired_points(rows: pd.DataFrame, of: str, to: str) -> Estimate:
+    """By how many percentage points a condition holds more often than another one of the same rows."""
+    one, other = numbers(rows, of) > 0, numbers(rows, to) > 0
+    return estimates.paired_difference(int((one & ~other).sum()), int((other & ~one).sum()), len(rows)).scaled(100)
 
 
 def over_optimum(rows: pd.DataFrame) -> Estimate:

@@ -51,6 +51,39 @@ class Row:
     target: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExecutedRow(Row):
+    """A row of a plan that the simulated arm carried out; `planning_s`: of all the plans that the loop made.
+
+    outcome: of `dore.sim.motion.outcome`. success: the ground truth. claimed: by what the loop itself knew, the target
+    is out. refused: nothing was moved. moves_made: pick-and-places that were begun, the target's among them.
+    faults: those that went wrong, as far as the loop saw. plans: how many it made. disturbance: what was done.
+    toppled: an object does not stand. pushed: moves in which an object that should stand still moved by more than
+    `pushed_m` of the arm. The worst of any move: placement_error_mm (none: nothing was put down), others_moved_mm,
+    tilt_deg, grasp_margin_mm. wall_s, cpu_s: planning and rehearsal included.
+    """
+
+    outcome: str
+    success: bool
+    claimed: bool
+    refused: bool
+    moves_made: int
+    faults: int
+    plans: int
+    disturbance: str
+    toppled: bool
+    pushed: int
+    placement_error_mm: float | None
+    others_moved_mm: float | None
+    tilt_deg: float | None
+    grasp_margin_mm: float | None
+    simulated_s: float
+    wall_s: float
+    cpu_s: float
+    message: str
+
+
+EXECUTED_TEXT = ("outcome", "disturbance", "message")
 ROW_COLUMNS = tuple(field.name for field in fields(Row))
 SCENE_COLUMNS = ("layout", "obstacles", "target")
 TEXT_COLUMNS = ("planner", "status", "reason", "timing", *SCENE_COLUMNS)
@@ -62,16 +95,16 @@ def append_row(file: IO[str], row: Row) -> None:
     file.flush()
 
 
-def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows.csv, whole or not at all."""
+def write_rows(path: Path, rows: Iterable[Row], kind: type[Row] = Row) -> None:
+    """Write rows.csv, whole or not at all. kind: of the rows."""
     with atomic_write(path) as file:
-        file.write(",".join(ROW_COLUMNS) + "\n")
+        file.write(",".join(field.name for field in fields(kind)) + "\n")
         for row in rows:
             append_row(file, row)
 
 
 def read_rows(path: Path) -> pd.DataFrame:
-    """The inverse of `write_rows`: a column for each field of `Row`.
+    """The inverse of `write_rows`: a column for each field of `Row`, or of `ExecutedRow`.
 
     Raises:
         InputError: no such file, other columns, a value that is wrong, two rows of a planner on one instance, or
@@ -83,8 +116,11 @@ def read_rows(path: Path) -> pd.DataFrame:
         if wrong.any():
             got = rows[name][wrong.idxmax()]
             raise InputError(f"{path}, line {wrong.idxmax() + 2}: {name} {got!r}, want one of {', '.join(known)}")
+    for name in EXECUTED_TEXT:
+        if name in rows:
+            rows[name] = rows[name].fillna("")
     cut_off = (rows.target == "") & (rows.target != "").any()  # Version 0.1 has none in any row.
-    if (lacking := rows.isna().any(axis=1) | cut_off).any():
+    if (lacking := rows[list(ROW_COLUMNS)].isna().any(axis=1) | cut_off).any():
         raise InputError(f"{path}, line {lacking.idxmax() + 2}: a value is missing")
     if (twice := rows.duplicated(["planner", "instance"])).any():
         one = rows[twice].iloc[0]

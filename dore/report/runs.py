@@ -29,13 +29,11 @@ class StudyRun:
     words: tuple[str, ...]
     makes: Path
     model: Path | None = None
-    again: bool = False
-    """A program that sees for itself what is done, and is started each time."""
 
     @property
     def done(self) -> bool:
         """Whether nothing is left to do; an evaluation of weights that have changed since is not done."""
-        return self.makes.exists() and not self.outdated and not self.again
+        return self.makes.exists() and not self.outdated
 
     @property
     def outdated(self) -> bool:
@@ -102,7 +100,6 @@ def _job(kind: str, entry: Spec, names: Spec, root: Path) -> StudyRun:
         (*words, f"model={model}") if model else words,
         makes,
         Path(model) if model else None,
-        bool(entry.get("again")),
     )
 
 

@@ -14,7 +14,7 @@ from dore.report.expressions import chosen, evaluated
 from dore.report.frame import Source, Spec
 from dore.report.rows import read_table
 
-RUN_SOURCES = ("evaluations", "trainings", "executions", "measurements")
+RUN_SOURCES = ("evaluations", "trainings", "measurements")
 """What a source may be made from, besides the rows that are `kept_in` a file beside the page."""
 
 

@@ -129,7 +129,7 @@ def _values_of(where: str, entry: Spec, rows: pd.DataFrame) -> list[Any]:
 
 def _joined(where: str, entry: Spec, source: Source, rows: pd.DataFrame) -> pd.DataFrame:
     """Only the instances that other rows have too; with `base`, their values as columns NAME_base."""
-    for key, names in (("only_with", ()), ("base", ("moves", "planning_s", "simulated_s"))):
+    for key, names in (("only_with", ()), ("base", ("moves", "planning_s", "simulated_s", "success"))):
         if key in entry:
             values = [name for name in names if name in rows]
             other = chosen(where, source.rows, entry, key)

@@ -1,4 +1,5 @@
-"""The tables that dore-evaluate prints: a study of one folder (conf/study/_evaluation.yaml), as plain text."""
+"""The tables that dore-evaluate prints: a study of one folder (conf/study/_evaluation.yaml, or _scene.yaml where an arm
+carried plans out), as plain text."""
 
 from __future__ import annotations
 
@@ -8,8 +9,9 @@ from typing import Any
 
 import yaml
 
-from dore.files import GROUPS_FILE, conf_dir, read_record
+from dore.files import GROUPS_FILE, ROWS_FILE, conf_dir, read_record
 from dore.report.page import lines_of
+from dore.report.rows import read_rows
 from dore.report.sources import sources_of
 from dore.report.study import cells_of
 
@@ -20,13 +22,14 @@ def evaluation_tables(folder: Path) -> str:
     Raises:
         InputError: no rows.csv, or a damaged one.
     """
-    spec: dict[str, Any] = yaml.safe_load((conf_dir() / "study" / "_evaluation.yaml").read_text(encoding="utf-8"))
+    name = "_scene" if "outcome" in read_rows(folder / ROWS_FILE) else "_evaluation"
+    spec: dict[str, Any] = yaml.safe_load((conf_dir() / "study" / f"{name}.yaml").read_text(encoding="utf-8"))
     sources = sources_of(spec, folder, folder)
     rows = sources["rows"].rows
     rows["group"] = rows.planner.replace(read_record(folder / GROUPS_FILE))
     cells = cells_of(spec, sources)
-    several = spec["tables"] if rows.planner.nunique() > 1 else spec["tables"][:1]
-    shown = [table for table in several if table["name"] in set(cells.metric)]
+    missing = {"pairs"} if rows.planner.nunique() == 1 else set()
+    shown = [table for table in spec["tables"] if table["name"] in set(cells.metric) - missing]
     return "\n\n".join(as_text(lines_of(cells, table)) for table in shown)
 
 

@@ -44,8 +44,9 @@ class Outcome(StrEnum):
 
 
 class Refused(Exception):
-    """A task that the arm cannot carry out. `outcome`: why, `where`: which move; the message says it in words."""
+    """A task that the arm cannot carry out. `outcome`: why, `where`: which move, `reason`: in words; the
+    message has both."""
 
     def __init__(self, outcome: Outcome, where: str, reason: str) -> None:
         super().__init__(f"{where}: {reason}")
-        self.outcome, self.where = outcome, where
+        self.outcome, self.where, self.reason = outcome, where, reason

@@ -14,8 +14,8 @@ from dore.sim.config import Body
 from dore.sim.motion.collision import Standing
 from dore.sim.motion.outcome import Outcome, Refused
 from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState, tasks_of
-from dore.sim.run.disturbances import Disturbance
-from dore.sim.run.execution import Execution, Run, check_reach
+from dore.sim.run.disturbances import Disturbance, check_room
+from dore.sim.run.execution import Execution, Run
 from dore.sim.run.feedback import GripperFeedback
 from dore.sim.run.operator import HOLD_UP_STEPS
 from dore.sim.run.setup import CONTROL_S, Setup
@@ -25,8 +25,6 @@ from dore.sim.vision.camera import RgbdCamera, Sensor
 from dore.sim.vision.scene_estimate import NotUnderstood, SceneEstimate, estimate, unconfirmed
 from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Problem, Scene, cell_id
-
-_AFTER_DISTURBANCE_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -77,23 +75,15 @@ class ClosedLoop:
         """
         if self.needs_renderer and render_backend() == "none":
             raise InputError(f"loop: closed needs a camera: {NO_DRIVER}")
-        scene = self.problem.scene
-        setup.camera.check_sees(scene.layout)
-        room, spare = scene.layout.n_cells - 1 - len(scene.obstacles), self.disturbance.spare_objects
-        if spare > room:
-            raise InputError(f"disturbance: puts in {spare} more, and the scene has {room} cells left")
+        setup.camera.check_sees(self.problem.scene.layout)
+        check_room(self.disturbance, self.problem.scene)
 
     def feedback(self, world: DoreTabletopEnv) -> GripperFeedback:
         """The fingers."""
         return GripperFeedback(world)
 
     def begin(self, setup: Setup, bodies: tuple[Body, ...]) -> Run:
-        """Only the reach is known beforehand.
-
-        Raises:
-            Refused: plans are made for another arm.
-        """
-        check_reach(self.problem.reach, setup)
+        """Nothing is known beforehand."""
         return lambda execution: _ClosedRun(self, setup, execution).run()
 
 
@@ -117,7 +107,7 @@ class _ClosedRun:
         plan: Plan | None = None
         expected: tuple[int, set[int]] | None = None
         while True:
-            self._disturb()
+            self._execution.disturb(self._loop.disturbance, self._moves, self._rng)
             seen = self._look()
             if plan is None or (seen.scene.target, set(seen.scene.obstacles)) != expected:
                 plan = self._plan(seen)
@@ -131,12 +121,6 @@ class _ClosedRun:
             if went_well and move is not None:
                 expected = seen.scene.target, set(seen.scene.obstacles) - {move.pick} | {move.place}
             plan = replace(plan, moves=plan.moves[1:], optimal_moves=None)
-
-    def _disturb(self) -> None:
-        done = self._loop.disturbance.between_moves(self._execution.world, self._moves, self._rng)
-        if done:
-            self._execution.operator.hold(_AFTER_DISTURBANCE_STEPS)
-            self._execution.note("disturbance", done)
 
     def _look(self) -> SceneEstimate:
         """What the camera sees; it looks again if it does not understand, or misses an object.

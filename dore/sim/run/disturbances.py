@@ -10,12 +10,12 @@ import sapien
 import torch
 from torch import Tensor
 
-from dore.errors import whole
+from dore.errors import InputError, whole
 from dore.sim.frames import inside
 from dore.sim.run.feedback import positions
 from dore.sim.scene.agent import OPEN_HAND
 from dore.sim.scene.task import DoreTabletopEnv
-from dore.world.problem import cell_id
+from dore.world.problem import Scene, cell_id
 
 
 class Disturbance(Protocol):
@@ -126,6 +126,17 @@ class Disturbed(gym.ActionWrapper[Any, Any, Any]):
         world: Any = self.env.unwrapped
         changed = self._disturbance.grip(world, float(action[-1]))
         return torch.cat([action[:-1], action.new_tensor([changed])])
+
+
+def check_room(disturbance: Disturbance, scene: Scene) -> None:
+    """Refuse a scene without room for what a disturbance puts in.
+
+    Raises:
+        InputError: says how many cells are left.
+    """
+    room, spare = scene.layout.n_cells - 1 - len(scene.obstacles), disturbance.spare_objects
+    if spare > room:
+        raise InputError(f"disturbance: puts in {spare} more, and the scene has {room} cells left")
 
 
 def _cells(world: DoreTabletopEnv) -> dict[int, int]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from dore.draw.boards import Panel
 from dore.sim.config import Body
-from dore.sim.motion.arm_reach import arm_reach, cells_out_of_reach, corridor_differences
+from dore.sim.motion.arm_reach import cells_out_of_reach, corridor_differences
 from dore.sim.motion.outcome import Outcome, Refused
 from dore.sim.motion.rehearsal import MoveTask, Rehearsal, WorldState
 from dore.sim.run.disturbances import Disturbance, Disturbed
@@ -21,6 +24,8 @@ from dore.sim.run.setup import CONTROL_S, REPORT_NAME, VIDEO_NAME, Setup
 from dore.sim.scene.task import DoreTabletopEnv
 from dore.world.problem import Problem, cell_id
 from dore.world.reach import Reach
+
+_AFTER_DISTURBANCE_STEPS = 5
 
 
 class Execution:
@@ -78,6 +83,13 @@ class Execution:
         self.report.events.append({"simulated_s": round(self.operator.simulated_s, 3), "event": kind, "text": text})
         self._save()
         self.film.pause(f"{kind}: {text}", panel, still)
+
+    def disturb(self, disturbance: Disturbance, moves: int, rng: np.random.Generator) -> None:
+        """Let a disturbance act between two moves, `moves` moves after the start."""
+        done = disturbance.between_moves(self.world, moves, rng)
+        if done:
+            self.operator.hold(_AFTER_DISTURBANCE_STEPS)
+            self.note("disturbance", done)
 
     def conclude(self) -> None:
         """Call nothing done that the task's own conditions do not confirm."""
@@ -137,22 +149,45 @@ def run_loop(loop: Loop, setup: Setup, out_dir: Path) -> ExecutionReport:
         OSError: `out_dir` cannot be written.
     """
     loop.check(setup)
-    started = time.perf_counter()
     out_dir.mkdir(parents=True, exist_ok=True)
+
+    def environment(bodies: tuple[Body, ...], backend: str) -> AbstractContextManager[Any]:
+        return closing(setup.environment(loop.problem.scene.layout, bodies, backend))
+
+    return conduct(loop, setup, environment, out_dir)
+
+
+Environments = Callable[[tuple[Body, ...], str], AbstractContextManager[Any]]
+"""A `DoreTabletop-v1` for objects and a render backend; it may have held others before, until its reset."""
+
+
+def conduct(
+    loop: Loop, setup: Setup, environment: Environments, out_dir: Path | None, reach_known: bool = False
+) -> ExecutionReport:
+    """`run_loop` in an environment of the caller's.
+
+    out_dir: where the report and the film go; None: nowhere. reach_known: plans are made with the arm's own reach.
+    """
+    started = time.perf_counter()
     bodies = setup.bodies(1 + len(loop.problem.scene.obstacles) + loop.disturbance.spare_objects)
     report = setup.report(loop.problem.scene, bodies, loop.planner)
 
     def save() -> None:
-        report.write(out_dir / REPORT_NAME)
+        if out_dir is not None:
+            report.write(out_dir / REPORT_NAME)
 
     save()  # an interrupted execution leaves a report that says so
     try:
+        if not reach_known:
+            check_reach(loop.problem.reach, setup)
         run = loop.begin(setup, bodies)
     except Refused as refusal:
         _refuse(report, refusal)
     else:
         report.rehearsal_s = round(time.perf_counter() - started, 3)
-        _perform(loop, run, setup, bodies, report, save, out_dir)
+        backend, report.pictures = setup.rendering(loop.needs_renderer)
+        with environment(bodies, backend) as env:
+            _perform(loop, run, setup, Disturbed(env, loop.disturbance), bodies, report, save, out_dir)
     report.finished = True
     report.wall_s = round(time.perf_counter() - started, 3)
     save()
@@ -160,25 +195,20 @@ def run_loop(loop: Loop, setup: Setup, out_dir: Path) -> ExecutionReport:
 
 
 def _perform(
-    loop: Loop, run: Run, setup: Setup, bodies: tuple[Body, ...], report: ExecutionReport, save: Callable[[], None],
-    out_dir: Path,
+    loop: Loop, run: Run, setup: Setup, env: Any, bodies: tuple[Body, ...], report: ExecutionReport,
+    save: Callable[[], None], out_dir: Path | None,
 ) -> None:  # fmt: skip
-    backend, report.pictures = setup.rendering(loop.needs_renderer)
-    env = Disturbed(setup.environment(loop.problem.scene.layout, bodies, backend), loop.disturbance)
-    try:
-        env.reset(seed=setup.seed, options=setup.placing(loop.problem.scene))
-        with Film(env, out_dir / VIDEO_NAME, CONTROL_S, report.pictures == VIDEO_NAME) as film:
-            report.stills = film.stills
-            execution = Execution(env, loop.feedback, report, save, film)
-            try:
-                run(execution)
-            except Refused as refusal:
-                _refuse(report, refusal)
-                execution.note("refusal", str(refusal))
-            execution.conclude()
-        report.video = VIDEO_NAME if film.written else None
-    finally:
-        env.close()
+    env.reset(seed=setup.seed, options={**setup.placing(loop.problem.scene), "bodies": bodies})
+    with Film(env, (out_dir or Path()) / VIDEO_NAME, CONTROL_S, report.pictures == VIDEO_NAME) as film:
+        report.stills = film.stills
+        execution = Execution(env, loop.feedback, report, save, film)
+        try:
+            run(execution)
+        except Refused as refusal:
+            _refuse(report, refusal)
+            execution.note("refusal", str(refusal))
+        execution.conclude()
+    report.video = VIDEO_NAME if film.written else None
 
 
 def _refuse(report: ExecutionReport, refusal: Refused) -> None:
@@ -193,7 +223,7 @@ def check_reach(planned: Reach, setup: Setup) -> None:
         Refused: the arm cannot reach cells of the layout, or the plan is for another reach: which cells, or corridors.
     """
     layout, kinematics = planned.layout, setup.kinematics
-    own = arm_reach(setup.arm, setup.objects, layout, kinematics)
+    own = setup.reach(layout)
     far = cells_out_of_reach(layout, own, kinematics)
     if far:
         listed = ", ".join(str(cell_id(cell)) for cell in far)

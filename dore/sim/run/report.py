@@ -51,8 +51,8 @@ class ExecutionReport:
     """A whole execution. `finished` is False in a file left by an interrupted one.
 
     message: one line for people. refused: nothing was moved, because the rehearsal found that the plan cannot be
-    carried out. events: what a loop saw, planned and met, in order. claimed: by what it saw and felt, a closed loop
-    holds the target. conditions: the ground truth of the task's own, all of which success needs. video: path beside
+    carried out. events: what a loop saw, planned and met, in order. claimed: by what the loop itself knew,
+    the target is out. conditions: the ground truth of the task's own, all of which success needs. video: path beside
     the report.
     """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,12 +13,14 @@ from dore.errors import InputError, flag, number, seed_of
 from dore.sim.camera_config import CameraConfig
 from dore.sim.config import ArmConfig, Body, ObjectConfig, ViewConfig
 from dore.sim.kinematics import ArmKinematics
+from dore.sim.motion.arm_reach import arm_reach
 from dore.sim.motion.outcome import Outcome
 from dore.sim.run.report import ExecutionReport
 from dore.sim.scene.agent import NO_DRIVER, render_backend
 from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 from dore.world.problem import Scene, cell_id
+from dore.world.reach import Reach
 
 REPORT_NAME, VIDEO_NAME = "execution.json", "execution.mp4"
 NO_PICTURES = f"state only, no pictures: {NO_DRIVER}"
@@ -76,6 +78,20 @@ class Setup:
             InputError: its description is missing or wrong.
         """
         return ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
+
+    def reseeded(self, seed: int) -> Setup:
+        """The same with another seed; both share the kinematics."""
+        other = replace(self, seed=seed)
+        vars(other)["kinematics"] = self.kinematics
+        return other
+
+    def reach(self, layout: Layout) -> Reach:
+        """What the arm can do among these objects on a layout; plans have to be made with it.
+
+        Raises:
+            InputError: the arm's description is missing or wrong.
+        """
+        return arm_reach(self.arm, self.objects, layout, self.kinematics)
 
     def report(self, scene: Scene, bodies: tuple[Body, ...], planner: str) -> ExecutionReport:
         """An empty report; bodies beyond the scene's wait beside the table."""

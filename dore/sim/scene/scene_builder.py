@@ -62,7 +62,20 @@ def waiting_xy(index: int) -> tuple[float, float]:
     return _WAITING_M[0] + _WAITING_PITCH_M * index, _WAITING_M[1]
 
 
-def build_object(scene: Any, body: Body, index: int, density_kg_m3: float) -> Any:
+def build_objects(scene: Any, bodies: Sequence[Body], density_kg_m3: float) -> list[Any]:
+    """The objects as ManiSkill Actors, the target first."""
+    return [_build_object(scene, body, index, density_kg_m3) for index, body in enumerate(bodies)]
+
+
+def remove_objects(scene: Any, objects: Sequence[Any]) -> None:
+    """Take objects out of a scene of the CPU simulation, so that others of the same names can be built."""
+    for actor in reversed(objects):  # PhysX then gives the next ones the same places, and so the same results.
+        scene.sub_scenes[0].remove_entity(actor._objs[0])  # scene.remove_actor fails in ManiSkill 3.0.1
+        scene.remove_from_state_dict_registry(actor)
+        del scene.actors[actor.name]
+
+
+def _build_object(scene: Any, body: Body, index: int, density_kg_m3: float) -> Any:
     """One object as a ManiSkill Actor; index 0 is the target. It waits beside the table until it is placed."""
     builder = scene.create_actor_builder()
     material = _material(scene, TARGET_PAINT if index == 0 else OBSTACLE_PAINTS[index % len(OBSTACLE_PAINTS)])

@@ -25,7 +25,7 @@ from dore.sim.config import ArmConfig, Body, ViewConfig, preset
 from dore.sim.frames import Array
 from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.scene.agent import ArmAgent, agent_of
-from dore.sim.scene.scene_builder import build_object, build_surroundings, waiting_xy
+from dore.sim.scene.scene_builder import build_objects, build_surroundings, remove_objects, waiting_xy
 from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 
@@ -46,7 +46,8 @@ class DoreTabletopEnv(BaseEnv):
     **Randomisation:** which cells the objects stand in, unless `reset(options={"cells": [...]})` names one cell
     per object, the target's first; cells count from 0. Objects beyond those named wait beside the table, and are
     ignored until they are put on it. The options `offsets_m`, [x, y] for each cell named, and `yaws_rad` move
-    objects out of the middle of their cells and turn them; without them they stand straight.
+    objects out of the middle of their cells and turn them; without them they stand straight. `bodies` exchanges the
+    objects, the target's first, which takes less time than another environment; CPU simulation only.
 
     **Observations:** `state` and `state_dict` anywhere; with a Vulkan driver `rgb+depth+segmentation` too, by the
     sensor `camera`. `dore.sim.vision.camera.RgbdCamera` reads it in any mode, with a real sensor's noise.
@@ -92,11 +93,8 @@ class DoreTabletopEnv(BaseEnv):
         self.bodies = tuple(bodies or preset("objects/mixed").draw(7, np.random.default_rng(0)))
         self.arm = kinematics.arm if kinematics else arm or _arm_called(robot_uids)
         self.view, self.camera = view or preset("view/corner"), camera or preset("camera/kinect")
-        if len(self.bodies) > self.layout.n_cells:
-            raise InputError(f"bodies: {len(self.bodies)} objects, want at most {self.layout.n_cells}, one a cell")
         self.density_kg_m3 = density_kg_m3
         self.objects: list[Any] = []
-        self._shelf = torch.tensor([waiting_xy(index) for index in range(len(self.bodies))])
         kinematics = kinematics or ArmKinematics(arm_files(visuals=False, arm=self.arm), self.arm)
         try:
             self._ready_joints = kinematics.ready(self.layout.front_m - self.arm.staging_m).joints
@@ -133,12 +131,21 @@ class DoreTabletopEnv(BaseEnv):
 
     def _load_scene(self, options: dict[str, Any]) -> None:
         build_surroundings(self.scene, self.layout, self.arm.base_drop_m)
-        self.objects = [
-            build_object(self.scene, body, index, self.density_kg_m3) for index, body in enumerate(self.bodies)
-        ]
+        self._build_objects(self.bodies)
+
+    def _build_objects(self, bodies: tuple[Body, ...]) -> None:
+        if len(bodies) > self.layout.n_cells:
+            raise InputError(f"bodies: {len(bodies)} objects, want at most {self.layout.n_cells}, one a cell")
+        self.bodies = bodies
+        self.objects = build_objects(self.scene, self.bodies, self.density_kg_m3)
+        self._shelf = torch.tensor([waiting_xy(index) for index in range(len(self.bodies))])
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         options = options or {}
+        bodies = tuple(options.get("bodies") or self.bodies)
+        if bodies != self.bodies:
+            remove_objects(self.scene, self.objects)
+            self._build_objects(bodies)
         with torch.device(self.device):
             joints = self.agent.open_handed(self._ready_joints)
             self.agent.reset(joints[None].repeat(len(env_idx), axis=0))
