@@ -48,8 +48,6 @@ class Evaluation(NamedTuple):
                 from dore.app.in_scene import own_reach  # Loads the simulator.
 
                 cfg.reach = own_reach(cfg)
-            elif unused := [one for one in run_folder.changes() if re.split(r"[=.@]", one.lstrip("+"))[0] in OF_AN_ARM]:
-                raise InputError(f"{unused[0]}: has no effect unless an arm carries plans out, want arm=NAME too")
         reach = build.reach_of(cfg, cfg.device)
         splits = build.splits_of(cfg, reach)
         planners = build.planners_of(cfg, reach)
@@ -66,6 +64,7 @@ def evaluate_command(cfg: DictConfig) -> int:
         cfg = _own_config(folder, cfg)
         with locked(folder, "resume"):
             return _evaluate(folder, Evaluation.of(cfg), cfg)
+    _check_keys_fit(cfg)
     evaluation = Evaluation.of(cfg)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(CONFIG_FILE,)) as folder:
         cfg.run_dir = str(folder)
@@ -94,6 +93,16 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
         print(f"{n_open} of {len(evaluation.instances)} targets are accessible at the start: solved in no move")
     print(f"{ROWS_FILE} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
     return ExitCode.OK
+
+
+def _check_keys_fit(cfg: DictConfig) -> None:
+    """Refuse what would be ignored: a reach beside the arm's own, and how to carry plans out where no arm does."""
+    keys = {re.split(r"[=.@]", change.lstrip("+~"))[0]: change for change in run_folder.changes()}
+    if cfg.get("arm") is not None and "reach" in keys:
+        raise InputError(f"{keys['reach']}: plans are made with the arm's own reach, want none given")
+    unused = [keys[key] for key in OF_AN_ARM if key in keys]
+    if cfg.get("arm") is None and unused:
+        raise InputError(f"{unused[0]}: has no effect unless an arm carries plans out, want arm=NAME too")
 
 
 def _own_config(folder: Path, given: DictConfig) -> DictConfig:

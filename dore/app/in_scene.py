@@ -10,7 +10,6 @@ from importlib import import_module
 from typing import Any, cast
 
 import pandas as pd
-from hydra.core.hydra_config import HydraConfig
 from joblib import Parallel, delayed, parallel_config
 from omegaconf import DictConfig, OmegaConf
 from tqdm import tqdm
@@ -82,8 +81,6 @@ def own_reach(cfg: DictConfig) -> dict[str, Any]:
     for key, options in CHOICES.items():
         if cfg[key] not in options:
             raise InputError(f"{key}: got {cfg[key]!r}, want {' or '.join(options)} where an arm carries plans out")
-    if any(one.lstrip("+~").startswith(("reach=", "reach.")) for one in HydraConfig.get().overrides.task):
-        raise InputError(f"reach: is that of arm={HydraConfig.get().runtime.choices['arm']}; want none given")
     reach = SceneRuns(cfg).cell.reach
     return {"_target_": f"{Reach.__module__}.{Reach.__name__}", **reach.to_dict()}
 

@@ -100,7 +100,10 @@ def test_a_closed_loop_recovers_and_says_what_disturbed_it(tmp_path):
     [
         (["loop=closed"], "loop=closed: has no effect unless an arm carries plans out, want arm=NAME too"),
         (["disturbance=slip"], "disturbance=slip: has no effect unless"),
-        (["arm=panda_slim", "reach=paper_fit"], "reach: is that of arm=panda_slim; want none given"),
+        (
+            ["arm=panda_slim", "reach=paper_fit"],
+            "reach=paper_fit: plans are made with the arm's own reach, want none given",
+        ),
         (["arm=panda_slim", "timing=batched"], "timing: got 'batched', want single where an arm"),
         (["arm=panda_slim", "loop=round"], "loop: got 'round', want open or closed where an arm"),
         (["arm=panda_slim", "backend=dask"], "backend: got 'dask', want loky or ray where an arm"),
