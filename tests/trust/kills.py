@@ -94,9 +94,16 @@ def checked(trial: Trial, judge: Callable[[], Sequence[str]]) -> Trial:
     return trial
 
 
+def time_of(command: str, *overrides: str, cwd: Path) -> float:
+    """The seconds that a command takes when nothing happens to it, on this machine, now."""
+    began = time.perf_counter()
+    finish(start(command, *overrides, cwd=cwd))
+    return time.perf_counter() - began
+
+
 def killed_trainings(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
     """A run that is killed again and again until it ends, against one that is left alone."""
-    finish(start("train", *TRAIN, "run_dir=whole", cwd=home))
+    whole_s = time_of("train", *TRAIN, "run_dir=whole", cwd=home)
 
     def faults(folder: Path) -> list[str]:
         ended = "stop_reason" in read_record(folder / "done.json")
@@ -113,7 +120,7 @@ def killed_trainings(home: Path, kills: int, random_: random.Random) -> Iterator
         while True:
             process = start("train", *TRAIN, f"run_dir={folder.name}", "existing=continue", cwd=home)
             enough = done + here >= kills or here >= 5
-            if enough or not kill(process, random_.uniform(2.0, 9.0)):
+            if enough or not kill(process, random_.uniform(0.2, 0.9) * whole_s):
                 code, said = finish(process) if enough else (process.returncode, "")
                 break
             here += 1
@@ -121,19 +128,19 @@ def killed_trainings(home: Path, kills: int, random_: random.Random) -> Iterator
                 load_checkpoint(folder / "checkpoint.pt")
         trial = checked(Trial("train", "killed", here, message=said), lambda folder=folder: faults(folder))  # type: ignore[misc]
         trial.wrong += code != 0
-        done += max(here, 1)
+        done += here
         yield trial
 
 
 def killed_evaluations(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
     """An evaluation that is killed and resumed until it ends."""
-    finish(start("evaluate", *EVALUATE, "run_dir=whole", cwd=home))
+    whole_s = time_of("evaluate", *EVALUATE, "run_dir=whole", cwd=home)
     done, number = 0, 0
     while done < kills:
         folder, here = f"killed{number}", 0
         number += 1
         process = start("evaluate", *EVALUATE, f"run_dir={folder}", cwd=home)
-        while here < 5 and done + here < kills and kill(process, random_.uniform(3.0, 7.0)):
+        while here < 5 and done + here < kills and kill(process, random_.uniform(0.2, 0.9) * whole_s):
             here += 1
             if (home / folder / "config.yaml").exists():
                 process = start("evaluate", f"resume={folder}", cwd=home)
@@ -147,34 +154,45 @@ def killed_evaluations(home: Path, kills: int, random_: random.Random) -> Iterat
             rows = rows_of(home / folder / "rows.csv")
             return ["other rows"] if rows != rows_of(home / "whole" / "rows.csv") else []
 
-        done += max(here, 1)
+        done += here
         yield checked(trial, faults)
 
 
 def killed_sweeps(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
     """A sweep, its process killed with its jobs, and the same command again."""
-    here = 0
-    while here < kills and kill(start("train", *SWEEP, "sweep=one", cwd=home), random_.uniform(4.0, 12.0)):
-        here += 1
-    code, said = finish(start("train", *SWEEP, "sweep=one", cwd=home))
+    whole_s = time_of("train", *SWEEP, "sweep=whole", cwd=home)
+    done, number = 0, 0
+    while done < kills:
+        name, here = f"sweep{number}", 0
+        number += 1
+        while here < 5 and done + here < kills:
+            if not kill(start("train", *SWEEP, f"sweep={name}", cwd=home), random_.uniform(0.2, 0.9) * whole_s):
+                break
+            here += 1
+        code, said = finish(start("train", *SWEEP, f"sweep={name}", cwd=home))
 
-    def faults() -> list[str]:
-        folders = sorted(path.parent for path in (home / "outputs" / "sweeps" / "one").glob("*/config.yaml"))
-        for folder in folders:
-            load_model(folder)
-        ended = [folder for folder in folders if read_record(folder / "done.json")]
-        return [] if len(ended) == 2 else [f"{len(ended)} of 2 jobs ended"]
+        def faults(name: str = name) -> list[str]:
+            folders = sorted(path.parent for path in (home / "outputs" / "sweeps" / name).glob("*/config.yaml"))
+            for folder in folders:
+                load_model(folder)
+            ended = [folder for folder in folders if read_record(folder / "done.json")]
+            return [] if len(ended) == 2 else [f"{len(ended)} of 2 jobs ended"]
 
-    yield checked(Trial("sweep", "killed", here, wrong=int(code != 0), message=said), faults)
+        done += here
+        yield checked(Trial("sweep", "killed", here, wrong=int(code != 0), message=said), faults)
 
 
 def killed_executions(home: Path, kills: int, random_: random.Random) -> Iterator[Trial]:
     """An execution that is killed leaves no half a report; the next one in its folder's place succeeds."""
     plan = f"plan={conf_dir() / 'plans' / 'fig7.json'}"
-    for number in range(kills):
+    whole_s = time_of("execute", plan, *EXECUTE, "run_dir=whole", cwd=home)
+    done, number = 0, 0
+    while done < kills:
+        number += 1
         process = start("execute", plan, *EXECUTE, f"run_dir=run{number}", cwd=home)
-        killed = kill(process, random_.uniform(4.0, 14.0))
-        trial = Trial("execute", "killed", int(killed))
+        here = int(kill(process, random_.uniform(0.2, 0.9) * whole_s))
+        done += here
+        trial = Trial("execute", "killed", here)
 
         def faults(number: int = number) -> list[str]:
             read_record(home / f"run{number}" / "execution.json")
