@@ -31,6 +31,12 @@ def conf_dir() -> Path:
     return packed if packed.is_dir() else Path(__file__).parents[1] / "conf"
 
 
+def shipped_or(path: Path, group: str) -> Path:
+    """A path as it is given; or, where nothing is there, the file of that name in the package's conf/`group`."""
+    packed = conf_dir() / group / f"{path}.json"
+    return packed if path.name == str(path) and not path.exists() and packed.is_file() else path
+
+
 @contextmanager
 def atomic_write(path: str | os.PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
     """Open a temporary file beside `path` and rename it over `path` if the block ends well.

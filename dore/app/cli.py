@@ -17,9 +17,9 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.app import own_parts, renamed, sweep, sweep_job
-from dore.errors import ExitCode, InputError
-from dore.files import conf_dir
+from dore.app import own_parts, renamed, sweep, sweep_job, usage
+from dore.errors import ExitCode, InputError, path_of
+from dore.files import conf_dir, shipped_or
 from dore.schema import nearest
 
 LONGEST_NAME = 120
@@ -45,6 +45,9 @@ OmegaConf.register_new_resolver("short", short_name, replace=True)
 
 def _main(name: str) -> None:
     """Compose the config, run the command, exit with its code; what the user got wrong is one line and code 2."""
+    if answer := usage.answer(name, sys.argv[1:]):
+        print(answer)
+        sys.exit(ExitCode.OK)
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises what it would print with a traceback.
 
     codes: list[int] = []
@@ -86,6 +89,7 @@ def _check_groups(overrides: list[str]) -> int:
 def _run_command(name: str, cfg: DictConfig) -> int:
     """`NAME_command` of dore.app.NAME; imported only after the config is composed, so that --help answers at once."""
     own_parts.prepare(cfg)
+    _check_files(cfg)
     try:
         code: int = getattr(import_module(f"dore.app.{name}"), f"{name}_command")(cfg)
     except ModuleNotFoundError as error:
@@ -94,6 +98,14 @@ def _run_command(name: str, cfg: DictConfig) -> int:
         missing = f"needs the simulator, and {error.name} is not installed"
         raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
     return code
+
+
+def _check_files(cfg: DictConfig) -> None:
+    """Refuse what is not there before torch is loaded, which takes seconds."""
+    for key, group in (("scene", "scenes"), ("plan", "plans"), ("model", "")):
+        value = cfg.get(key)
+        if isinstance(value, str) and value != "random" and not shipped_or(path_of(key, value), group).exists():
+            raise InputError(f"{value}: no such file")
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:
@@ -155,3 +167,19 @@ evaluate = partial(_main, "evaluate")
 plan = partial(_main, "plan")
 execute = partial(_main, "execute")
 report = partial(_main, "report")
+
+
+def dore() -> None:
+    """`dore COMMAND ...`, which is dore-COMMAND; also `python -m dore`."""
+    command, *rest = sys.argv[1:] or ["--help"]
+    if command in usage.COMMANDS:
+        sys.argv = [f"dore-{command}", *rest]
+        _main(command)
+    elif command in ("--help", "-h"):
+        print(usage.overview())
+    elif command == "--version":
+        print(usage.version())
+    else:
+        known = ", ".join(usage.COMMANDS)
+        print(f"dore: {command}: no such command{nearest(command, usage.COMMANDS)}; want {known}", file=sys.stderr)
+        sys.exit(ExitCode.BAD_INPUT)

@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from dore.app import build, run_folder, scenes
 from dore.configure import make
 from dore.errors import ExitCode, InputError, path_of, seed_of, whole
+from dore.files import shipped_or
 from dore.planners.base import Planner
 from dore.sim.run.closed_loop import ClosedLoop
 from dore.sim.run.execution import Loop, run_loop
@@ -75,7 +76,7 @@ def _of_plan(cfg: DictConfig) -> Loop:
     """A plan as it is."""
     if cfg.loop == "closed":
         raise InputError("loop: closed plans for what it sees; want scene= and not plan=")
-    plan_file = read_plan(path_of("plan", cfg.plan))
+    plan_file = read_plan(shipped_or(path_of("plan", cfg.plan), "plans"))
     if plan_file.plan.status is not Status.SOLVED:
         raise InputError(f"plan.status: {plan_file.plan.status}, want solved: there is nothing to execute")
     return loop_of(cfg, plan_file.problem, plan_file.plan.planner, lambda _: plan_file.plan)

@@ -15,8 +15,8 @@ from omegaconf.errors import OmegaConfBaseException
 from dore.app import build
 from dore.app.evaluate import Evaluation
 from dore.configure import make
-from dore.errors import InputError, seed_of, shown
-from dore.files import conf_dir
+from dore.errors import InputError, path_of, seed_of, shown
+from dore.files import conf_dir, shipped_or
 from dore.learn.agents.common import Agent
 from dore.learn.env import RearrangeEnv
 from dore.planners.learned import Learned
@@ -80,7 +80,7 @@ def plan(
     """The replayed plan for one scene, as dore-plan makes it.
 
     Args:
-        scene: a scene or plan file, what such a file holds, or a `Scene`.
+        scene: a scene or plan file, the name of one of conf/scenes, what such a file holds, or a `Scene`.
         planner: an option of conf/planner.
         reach: an option of conf/reach; None: the model's.
         model: a run or a model file, for planners that use one and for the reach; None: the one in the package.
@@ -92,7 +92,7 @@ def plan(
     if isinstance(scene, Mapping):
         scene = scene_of(dict(scene))
     elif not isinstance(scene, Scene):
-        scene = read_scene(scene)
+        scene = read_scene(shipped_or(path_of("scene", scene), "scenes"))
     cfg = _composed("plan", {"planner": planner, "reach": reach}, model=model, **{f"planners.{planner}": options})
     world = build.world_of(cfg, build.model_config(cfg))
     problem = Problem(scene, build.reach_of(world, device, scene.layout))

@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from dore.app import build, run_folder
 from dore.configure import make
 from dore.errors import InputError, path_of, whole
-from dore.files import CONFIG_FILE, ROWS_FILE
+from dore.files import CONFIG_FILE, ROWS_FILE, shipped_or
 from dore.report.evaluation import PARTIAL
 from dore.report.rows import read_rows
 from dore.world.layout import Layout
@@ -31,7 +31,7 @@ def given(cfg: DictConfig) -> Given:
     Raises:
         InputError: no such scene, or several and no `instance`.
     """
-    path = path_of("scene", cfg.scene)
+    path = shipped_or(path_of("scene", cfg.scene), "scenes")
     if (path / CONFIG_FILE).exists():
         return _of_row(path, cfg.instance)
     scenes = read_scenes(path)

@@ -24,8 +24,8 @@ from dore.draw.curves import draw_learning_curve
 from dore.files import CURVE_FILE, METRICS_FILE
 from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, ipt_of, save_checkpoint, save_model
 from dore.learn.evaluator import TestResult
+from dore.learn.memory import memory_for
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
-from dore.memory import memory_for
 
 PRINT_S = 30.0
 """Seconds between two lines of progress where there is no terminal to draw a bar on."""

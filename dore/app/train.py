@@ -15,8 +15,8 @@ from dore.app.training import trainer_of
 from dore.errors import ExitCode, InputError, path_of
 from dore.files import CURVE_FILE, DONE_FILE, METRICS_FILE, locked
 from dore.learn.checkpoint import load_checkpoint
+from dore.learn.memory import NotEnoughMemory
 from dore.learn.trainer import Diverged, StopReason, Trainer
-from dore.memory import NotEnoughMemory
 
 logging.getLogger("torchrl").setLevel(logging.WARNING)
 

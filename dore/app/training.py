@@ -14,9 +14,9 @@ from dore.errors import InputError, flag, number, seed_of, shown, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.budget import Budget
 from dore.learn.learner import Learner
+from dore.learn.memory import memory_for
 from dore.learn.trainer import MAIN, Trainer
 from dore.learn.worlds import World
-from dore.memory import memory_for
 from dore.world.instances import InstanceSplits
 from dore.world.layout import MAX_CELLS
 from dore.world.reach import Reach

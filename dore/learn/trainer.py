@@ -14,9 +14,9 @@ import torch
 from dore.learn.budget import Budget, LinearEpsilon
 from dore.learn.evaluator import TestResult, mean_of
 from dore.learn.learner import Learner
+from dore.learn.memory import memory_for
 from dore.learn.player import Burst
 from dore.learn.worlds import World
-from dore.memory import memory_for
 
 MAIN = "main"
 """The name of a run's first world, and of its only one where it has no other."""

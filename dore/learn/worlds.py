@@ -12,9 +12,9 @@ from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget
 from dore.learn.env import RearrangeEnv
 from dore.learn.evaluator import PerformanceTest, TestResult
+from dore.learn.memory import memory_for
 from dore.learn.player import Burst, Player, burst_of, burst_state
 from dore.learn.replay import buffer_state, check_uniform, draw_in_order, load_buffer, restore
-from dore.memory import memory_for
 
 
 class World:

@@ -135,9 +135,9 @@ def test_a_run_that_cannot_start_leaves_its_name_free(tmp_path, capsys):
         ("plan", ["scene=null"], "scene: got None, want a path"),
         ("plan", ["model=5"], "model: got 5, want a path"),
         ("execute", ["plan=5"], "plan: got 5, want a path"),
-        ("execute", ["plan=x", "seed=5000000000"], "seed: got 5000000000"),
+        ("execute", ["plan=fig7", "seed=5000000000"], "seed: got 5000000000"),
         ("execute", ["plan=/no/plan.json"], "/no/plan.json: no such file"),
-        ("execute", ["plan=x", "video=on"], "video: got 'on', want auto or off"),
+        ("execute", ["plan=fig7", "video=on"], "video: got 'on', want auto or off"),
     ],
 )
 def test_missing_values(model, capsys, command, overrides, says):
@@ -241,7 +241,7 @@ def test_help_needs_no_torch():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
-    assert "agent: sequential, single" in done.stdout
+    assert "agent          sequential, single  [sequential]" in done.stdout
 
 
 def test_a_group_of_another_command_is_refused_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:
