@@ -19,6 +19,7 @@ from torch import Tensor
 from dore.errors import InputError, shown
 from dore.files import atomic_write, write_record
 from dore.schema import Count, Degrees, checked, named, read_json
+from dore.world.base_frame import BaseFrame, check_base_frame, in_base_frame
 from dore.world.layout import MAX_CELLS, Layout
 from dore.world.plan import Move, Plan, PlanFile, Status, replay
 from dore.world.problem import Problem, Scene, cell_id
@@ -69,6 +70,7 @@ class _PlanFields(_SceneFields, forbid_unknown_fields=True, kw_only=True, omit_d
     planning_s: Annotated[float, Meta(ge=0)] = 0.0
     optimal_moves: Count | None = None
     lower_bound: Count | None = None
+    base_frame: BaseFrame | None = None
 
     def plan(self) -> Plan:
         """The plan that they hold, not replayed."""
@@ -120,6 +122,8 @@ def read_plan(path: str | os.PathLike[str]) -> PlanFile:
         scene, plan = fields.scene(), fields.plan()
         problem = Problem(scene, Reach(scene.layout, **msgspec.structs.asdict(fields.reach)))
         replay(problem, plan)
+        if fields.base_frame is not None:
+            check_base_frame(fields.base_frame, problem, plan)
         return PlanFile(problem, plan)
 
 
@@ -147,6 +151,7 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
         planning_s=round(plan.planning_s, 6),
         optimal_moves=plan.optimal_moves,
         lower_bound=plan.lower_bound,
+        base_frame=in_base_frame(file.problem, plan),
     )
     write_record(path, msgspec.to_builtins(fields))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -50,6 +51,35 @@ def test_files_hold_the_papers_ids(path: Path) -> None:
     assert data["layout"] == {"rows": 3, "cols": 6, "cell_m": 0.12, "front_m": 0.57}
     assert data["reach"] == PUBLISHED
     assert "optimal_moves" not in data
+
+
+def test_a_plan_file_can_be_carried_out_from_metres_and_degrees_alone(path: Path) -> None:
+    """The hand that moves towards a cell along its heading comes from the base's side, past no object."""
+    frame = json.loads(path.read_text())["base_frame"]
+    assert frame["axes"] == "x forward, y left, origin at the base; headings counter-clockwise from x"
+    first, picked = frame["moves"][0]["pick"], FIG_7_PLAN.moves[0].pick
+    x, y = first["centre_m"]
+    assert (x, y) == pytest.approx(FIG_7.layout.cells[picked], abs=1e-6)
+    heading = math.radians(first["heading_deg"])
+    assert math.hypot(x - 0.3 * math.cos(heading), y - 0.3 * math.sin(heading)) < math.hypot(x, y)
+    for other in {*FIG_7.obstacles, FIG_7.target} - {picked}:
+        dx, dy = x - FIG_7.layout.cells[other][0], y - FIG_7.layout.cells[other][1]
+        before = dx * math.cos(heading) + dy * math.sin(heading) > 0
+        assert not before or abs(dx * math.sin(heading) - dy * math.cos(heading)) >= REACH.clearance_m - 1e-6
+    assert frame["target"]["centre_m"] == pytest.approx(FIG_7.layout.cells[FIG_7.target], abs=1e-6)
+
+
+def test_metres_that_contradict_the_cells_are_refused(path: Path) -> None:
+    data = json.loads(path.read_text())
+    data["base_frame"]["moves"][1]["place"]["heading_deg"] += 2
+    path.write_text(json.dumps(data))
+    with pytest.raises(
+        InputError, match=r"base_frame\.moves\[1\]\.place: got .*, want .*, as cells and directions say"
+    ):
+        read_plan(path)
+    del data["base_frame"]  # As version 0.1 wrote it.
+    path.write_text(json.dumps(data))
+    assert read_plan(path).plan == FIG_7_PLAN
 
 
 @pytest.mark.parametrize("status", [Status.UNSOLVABLE, Status.GAVE_UP])
