@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from dore.learn.corridor_features import N_PLANES, corridor_planes
+from dore.learn.corridor_features import corridor_planes
 from dore.world import board as boards
+from dore.world.kernels.corridor_costs import N_PLANES
 from dore.world.reach import Reach
 
 Encoding = Literal["planes", "state", "lanes"]

@@ -84,7 +84,6 @@ class Reach:
         self.allowed_sectors = self._allowed_sectors()
         self.blockers = boards.pack(self._covered())
         self.blocking_sets = self._undominated()
-        self.blocking_cells = boards.unpack(self.blocking_sets, self.n_cells)
         self._reachable = self.allowed_sectors.any(-1)
 
     @property

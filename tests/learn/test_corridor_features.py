@@ -5,16 +5,19 @@ from __future__ import annotations
 import pytest
 import torch
 
-from dore.learn.corridor_features import LEVELS, N_PLANES, NEVER, SPARE, corridor_costs, corridor_planes
+from dore.learn.corridor_features import corridor_costs, corridor_planes
 from dore.learn.features import encode, n_planes
 from dore.planners.exact import Exact
 from dore.world.board import bit, pack, unpack
 from dore.world.generator import Difficulty, FreshInstances
+from dore.world.kernels.corridor_costs import LEVELS, N_PLANES, NEVER, SPARE
+from dore.world.layout import Layout
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility
-from tests.drawings import cells_of, scene_of, wide_hand
+from tests.drawings import PUBLISHED, WIDE_HAND, cells_of, scene_of, wide_hand
+from tests.oracles import corridor_features as oracle
 from tests.oracles.bounds import fewest_blocking
 
 
@@ -147,3 +150,22 @@ def test_the_cost_is_mostly_the_proved_optimum_and_seldom_above_it(size, most):
     assert (now[solved] > fewest).float().mean() < 0.02
     several = fewest > 2
     assert (now[solved] == fewest)[several].float().mean() > 0.85, "also where the plan is long"
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "density", "keys"),
+    [
+        (3, 6, 0.55, PUBLISHED),
+        (6, 6, 0.2, WIDE_HAND),
+        (8, 8, 0.4, WIDE_HAND),
+        (10, 10, 0.3, WIDE_HAND),
+    ],
+)
+def test_compiled_costs_are_those_of_tensors(rows, cols, density, keys):
+    reach = Reach(Layout.grid(rows, cols, 0.12), **(WIDE_HAND | keys), max_yaw_deg=40.0)
+    board = pack(torch.rand(200, rows * cols, generator=torch.Generator().manual_seed(rows)) < density)
+    target = torch.arange(200) % (rows * cols)
+    board = board & ~bit(target, board.shape[-1])
+    assert torch.equal(corridor_planes(reach, board, target), oracle.corridor_planes(reach, board, target))
+    ours, theirs = corridor_costs(reach, board, target), oracle.corridor_costs(reach, board, target)
+    assert all(torch.equal(a, b.long()) for a, b in zip(ours, theirs, strict=True))

@@ -16,7 +16,8 @@ MAX_WORDS = 16
 class Table(NamedTuple):
     """The different approach corridors of each cell, D at most, as the sets of cells that must be empty.
 
-    corridors: uint64[G, D, W]. n_corridors: int64[G], how many of the D there are.
+    corridors: uint64[G, D, W]. n_corridors: int64[G], how many of the D there are;
+    where there is none, the first of them is the full board.
     full: W words, the board with all cells set.
     """
 
@@ -37,10 +38,10 @@ def table_of(blocking_sets: Tensor, reachable: Tensor, n_cells: int) -> Table:
     most, _, words = sets.shape
     corridors = np.zeros((n_cells, most, words), np.uint64)
     n_corridors = np.zeros(n_cells, np.int64)
-    for cell in reachable.nonzero().squeeze(-1).tolist():
+    for cell, is_reachable in enumerate(reachable.tolist()):
         kept = list(dict.fromkeys(map(tuple, sets[:, cell].tolist())))
         corridors[cell, : len(kept)] = kept
-        n_corridors[cell] = len(kept)
+        n_corridors[cell] = len(kept) if is_reachable else 0
     every = (1 << n_cells) - 1
     return Table(corridors, n_corridors, tuple(np.uint64(every >> 64 * w & 2**64 - 1) for w in range(words)))
 

@@ -27,6 +27,7 @@ from tests.drawings import wide_hand
 
 PACKAGE = Path(compiling.__file__).parent
 FOUND = """
+from dore.learn.corridor_features import corridor_planes
 from dore.planners.exact import Exact
 from dore.planners.graph_search import GraphSearch
 from dore.world.generator import Difficulty
@@ -35,6 +36,7 @@ from tests.drawings import wide_hand
 for size in (5, 9):
     reach = wide_hand(size, size)
     batch = InstanceSet.generate(reach, 6, Difficulty(4, size), "test", 3).batch()
+    print(corridor_planes(reach, *batch).nonzero().sum())
     for planner in (Exact(reach, 1000, 60.0, 100.0), GraphSearch(reach, 20, 60.0)):
         for plan in planner.raw_plans(batch):
             print(plan.status, plan.moves, plan.expansions, plan.reason, plan.lower_bound)
