@@ -107,7 +107,7 @@ class Setup:
         return gym.make(
             "DoreTabletop-v1", layout=layout, bodies=bodies, kinematics=self.kinematics, view=self.view,
             camera=self.camera, density_kg_m3=self.objects.density_kg_m3, obs_mode="none", reward_mode="none",
-            control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=backend,
+            judge_steps=False, control_mode="pd_joint_pos", sim_backend="physx_cpu", render_backend=backend,
             enable_shadow=self.view.shadows, render_mode=None if backend == "none" else "rgb_array",
         )  # fmt: skip
 
