@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from tqdm import tqdm
 
 from dore.errors import InputError, whole
 from dore.files import ROWS_FILE
 from dore.planners.base import Planner
+from dore.report.progress import Progress
 from dore.report.rows import Row, Timing, append_row, read_rows, write_rows
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, PlanError, replay
@@ -85,7 +85,7 @@ def rows_as_they_come(
     step = 1 if timing is Timing.SINGLE else whole("batch_size", batch_size, 1)
     problems = list(instances)
     check_done(done, names, problems, timing)
-    with tqdm(total=len(planners) * len(problems), initial=len(done), unit="plan") as bar:
+    with Progress(total=len(planners) * len(problems), initial=len(done), unit="plan") as bar:
         for planner in planners:
             there = set(done.instance[done.planner == planner.name])
             if len(there) == len(problems):
