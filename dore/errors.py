@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import operator
 import os
+import re
+import shlex
 from enum import IntEnum
 from pathlib import Path
 from typing import get_args
@@ -55,6 +57,14 @@ def shown(value: object) -> str:
     except ValueError:  # An int of more digits than Python prints.
         text = "a number of thousands of digits"
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def pasted(key: str, value: object) -> str:
+    """KEY=VALUE as it can be pasted into a shell after a command."""
+    text = str(value)
+    if not re.fullmatch(r"[A-Za-z0-9_./+-]+", text):
+        text = "'" + text.replace("'", r"\'") + "'"  # For Hydra; the shell's come around it.
+    return shlex.quote(f"{key}={text}")
 
 
 def integer(value: object) -> int | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import sys
@@ -11,36 +10,21 @@ from functools import partial
 from importlib import import_module
 
 import hydra
-from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
-from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.app import own_parts, renamed, sweep, sweep_job, usage
+from dore.app import jobs, own_parts, renamed, sweep, sweep_job, usage
 from dore.errors import ExitCode, InputError, path_of
 from dore.files import conf_dir, shipped_or
 from dore.schema import nearest
 
-LONGEST_NAME = 120
 EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
 """Hydra's plugins that come with an extra of the package."""
 NO_NAME = re.compile(r"|null|true|false|nan|[-+]?inf|[-+]?\d+(\.\d*)?(e[-+]?\d+)?", re.IGNORECASE)
 """What Hydra reads as a number, a truth value or nothing, and not as a name."""
 SIMULATOR = ("mani_skill", "sapien", "pinocchio", "coal", "gymnasium", "imageio", "PIL")
 """Modules that come with the extra `sim`."""
-
-
-def short_name(overrides: str) -> str:
-    """A sweep job's folder: its overrides, or their head and a digest of all where they are long."""
-    overrides = overrides.replace("/", "_") or "defaults"
-    if len(overrides) <= LONGEST_NAME:
-        return overrides
-    return f"{overrides[: LONGEST_NAME - 9]}-{hashlib.sha256(overrides.encode()).hexdigest()[:8]}"
-
-
-# Here, and not in `_main`, so that the worker processes of a launcher have it too.
-OmegaConf.register_new_resolver("short", short_name, replace=True)
 
 
 def _main(name: str) -> None:
@@ -53,10 +37,12 @@ def _main(name: str) -> None:
     codes: list[int] = []
 
     def run(cfg: DictConfig) -> float | None:
-        if name == "train" and HydraConfig.get().mode is RunMode.MULTIRUN:
+        if name == "train" and jobs.in_sweep():
             return sweep_job.run_job(cfg)
-        # A sweep continues after a job that failed, and ends with the worst code.
-        codes.append(_guarded(name, lambda: _run_command(name, cfg)))
+        # A sweep continues after a job that failed, and ends with the worst code; one that was stopped is over.
+        if ExitCode.STOPPED not in codes:
+            command = partial(_run_command, name, cfg)
+            codes.append(_guarded(name, partial(jobs.run_once, cfg, command) if jobs.in_sweep() else command))
         return None
 
     own_parts.current_folder_importable()

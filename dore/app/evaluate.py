@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from dore.app import build, run_folder
-from dore.errors import ExitCode, InputError, path_of
+from dore.app import build, jobs, run_folder
+from dore.errors import ExitCode, InputError, pasted, path_of
 from dore.files import CONFIG_FILE, GROUPS_FILE, ROWS_FILE, conf_dir, locked, write_record
 from dore.planners.base import Planner
 from dore.report.evaluation import collect_rows, evaluate_into
@@ -59,8 +59,9 @@ class Evaluation(NamedTuple):
 
 def evaluate_command(cfg: DictConfig) -> int:
     """Evaluate planners on a split, or resume that, and print the tables made from its rows.csv; the exit code."""
-    if cfg.resume is not None:
-        folder = path_of("resume", cfg.resume)
+    begun = run_folder.folder_of(cfg) if jobs.in_sweep() else None
+    if cfg.resume is not None or (begun is not None and (begun / CONFIG_FILE).exists()):
+        folder = path_of("resume", cfg.resume) if begun is None else begun
         cfg = _own_config(folder, cfg)
         with locked(folder, "resume"):
             return _evaluate(folder, Evaluation.of(cfg), cfg)
@@ -86,7 +87,7 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
                 make_rows = partial(rows_of_scenes, cfg, evaluation.planners, evaluation.instances)
                 collect_rows(folder, ExecutedRow, make_rows)
         except KeyboardInterrupt:
-            print(f"stopped; resume with: dore-evaluate resume={folder}")
+            print(f"stopped; resume with: dore-evaluate {pasted('resume', folder)}")
             return ExitCode.STOPPED
     print(evaluation_tables(folder))
     if n_open := evaluation.instances.n_accessible:
@@ -112,6 +113,6 @@ def _own_config(folder: Path, given: DictConfig) -> DictConfig:
         expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"),
         known=(*map(str, given), "arm"),
     )
-    if changes := run_folder.changes():
+    if (changes := run_folder.changes()) and not jobs.in_sweep():  # A job's folder is named after them.
         raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")
     return cfg

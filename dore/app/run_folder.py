@@ -15,12 +15,12 @@ from typing import Any, cast
 
 import yaml
 from hydra.core.hydra_config import HydraConfig
-from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from dore.app.jobs import folder_of_job, in_sweep
 from dore.configure import check_classes, leaves, renamed
-from dore.errors import InputError, path_of
+from dore.errors import InputError, pasted, path_of
 from dore.files import (
     ABOUT_FILE,
     CONFIG_FILE,
@@ -51,18 +51,19 @@ _PACKAGES = ("torch", "torchrl", "tensordict", "numpy", "hydra-core")
 
 
 @contextmanager
-def claimed(path: object, keep_if: tuple[str, ...]) -> Iterator[Path]:
+def claimed(path: object, keep_if: tuple[str, ...], resumes: bool = True) -> Iterator[Path]:
     """A new run folder, locked for this process.
 
     If the block fails before one of the files `keep_if` is there, the folder is removed again, so that a run that could
-    not start leaves its name free. Later on the folder stays, and a line says so.
+    not start leaves its name free. Later on the folder stays, and a line says so. resumes: the command has `resume=`.
 
     Raises:
         InputError: it exists and holds something, or another process has just claimed it.
         OSError: it cannot be made.
     """
     folder = path_of("run_dir", path)
-    taken = InputError(f"run_dir: {folder} exists already, want a new one (or resume={folder})")
+    or_resume = f" (or {pasted('resume', folder)})" if resumes else ""
+    taken = InputError(f"run_dir: {folder} exists already, want a new one{or_resume}")
     if folder.exists() and not folder.is_dir():
         raise taken
     folder.mkdir(parents=True, exist_ok=True)
@@ -85,10 +86,10 @@ def folder_of(cfg: DictConfig, key: str = "run_dir") -> Path:
     Raises:
         InputError: in a sweep, an absolute path, which all jobs would share.
     """
-    path, settings = path_of(key, cfg[key]), HydraConfig.get()
-    if settings.mode is not RunMode.MULTIRUN:
+    path = path_of(key, cfg[key])
+    if not in_sweep():
         return path
-    own = Path(settings.sweep.dir) / settings.sweep.subdir
+    own = folder_of_job()
     if key == "run_dir":
         return own
     if path.is_absolute() or ".." in path.parts:

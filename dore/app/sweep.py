@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -15,14 +16,11 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import ValueType
-from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
-from dore.errors import ExitCode, InputError, path_of
+from dore.app import jobs
+from dore.errors import ExitCode, pasted, path_of
 from dore.files import locked
 
 JOBS, STOP = "jobs", "stop"
@@ -77,7 +75,9 @@ class Sweep:
         signal.signal(number, signal.default_int_handler)
 
     def conclude(self) -> int:
-        """Say how the jobs ended, the broken ones by name; the exit code of the worst."""
+        """Say how the jobs ended, the broken ones by name, and what came of the others; the exit code of the worst."""
+        from dore.app.summary import summarise  # With pandas, which no job needs.
+
         with self.held:
             ended = results(self.folder)
             asked = (self.folder / STOP).exists()
@@ -86,11 +86,14 @@ class Sweep:
         before = sum(one.before for one in done)
         print(f"sweep {self.folder}: {len(done)} jobs done ({before} of them before), {len(broken)} broken", flush=True)
         for one in broken:
-            print(f"dore-train: broken: {one.folder} ({' '.join(one.overrides)}): {one.message}", file=sys.stderr)
+            print(f"dore-train: broken: {one.folder} ({shlex.join(one.overrides)}): {one.message}", file=sys.stderr)
+        if done:
+            print(summarise(self.folder, ended), flush=True)
         if broken:
             print(f"the jobs' logs are in {self.folder / JOBS}")
         if stopped or asked:
-            print(f"stopped: {len(stopped)} jobs wait, and more may; the same command, with this folder, resumes them")
+            again = f"the same command with {pasted('hydra.sweep.dir', self.folder)} resumes them"
+            print(f"stopped: {len(stopped)} jobs wait, and more may; {again}")
             return ExitCode.STOPPED
         return max((one.code for one in ended), default=0)
 
@@ -98,23 +101,19 @@ class Sweep:
 _started: Sweep | None = None
 
 
-class Start(Callback):  # type: ignore[misc]
-    """Hydra calls it in the process that starts a sweep, before any job."""
+class Start(jobs.Start):
+    """Of trainings, whose jobs share what they hold until the end."""
 
-    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+    def begin(self, config: DictConfig) -> None:
         """Claim the sweep's folder.
 
         Raises:
-            SystemExit: two jobs, or two sweeps, would share a folder. Hydra would swallow an Exception.
+            InputError: two jobs, or two sweeps, would share a folder.
+            OSError: it cannot be made.
         """
         global _started
-        try:
-            path_of("sweep", config.sweep)
-            _check_jobs_differ(config)
-            _started = Sweep(path_of("hydra.sweep.dir", config.hydra.sweep.dir))
-        except (InputError, OSError) as error:
-            print(f"dore-train: {error}", file=sys.stderr)
-            raise SystemExit(ExitCode.BAD_INPUT) from None
+        super().begin(config)
+        _started = Sweep(path_of("hydra.sweep.dir", config.hydra.sweep.dir))
         print(f"sweep in {_started.folder}", flush=True)
 
 
@@ -123,22 +122,3 @@ def conclude() -> int | None:
     global _started
     sweep, _started = _started, None
     return None if sweep is None else sweep.conclude()
-
-
-def _check_jobs_differ(config: DictConfig) -> None:
-    """A job's folder is named after its overrides, so no two jobs may have the same.
-
-    Raises:
-        InputError: a value that is given twice, or several values of a key that is in no job's name.
-    """
-    given = [f"{key}={value}" for key, value in (config.hydra.sweeper.get("params") or {}).items()]
-    unnamed = set(config.hydra.job.config.override_dirname.exclude_keys)
-    for override in OverridesParser.create().parse_overrides([*given, *config.hydra.overrides.task]):
-        if not override.is_discrete_sweep() or override.value_type is ValueType.GLOB_CHOICE_SWEEP:
-            continue
-        key, values = override.get_key_element(), list(override.sweep_string_iterator())
-        for value in values:
-            if values.count(value) > 1:
-                raise InputError(f"{key}: {value} is given twice, but no two jobs may share a folder")
-        if key in unnamed and len(values) > 1:
-            raise InputError(f"{key}: got {', '.join(values)}, want one: no job's folder is named after it")

@@ -12,7 +12,7 @@ from dore.app import run_folder
 from dore.app.run_folder import CHECKPOINT
 from dore.app.session import Session
 from dore.app.training import trainer_of
-from dore.errors import ExitCode, InputError, path_of
+from dore.errors import ExitCode, InputError, pasted, path_of
 from dore.files import CURVE_FILE, DONE_FILE, METRICS_FILE, locked
 from dore.learn.checkpoint import load_checkpoint
 from dore.learn.memory import NotEnoughMemory
@@ -53,7 +53,7 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
         if trainer.spent() and (folder / DONE_FILE).exists():
             done = trainer.progress
             used = f"{done.episodes} episodes and {done.seconds:.0f} s"
-            print(f"{folder}: the budget is used up ({used}); training.max_episodes=... adds to it")
+            print(f"{folder}: the budget is used up ({used}); {_resume_with(folder, trainer)}")
             return ExitCode.OK
         (folder / DONE_FILE).unlink(missing_ok=True)
         run_folder.write_config(folder, cfg)
@@ -104,17 +104,25 @@ def _run(session: Session) -> int:
         print(f"dore-train: {error}", file=sys.stderr)
         return ExitCode.FAILED
     if reason is StopReason.INTERRUPTED:
-        print(f"stopped; resume with: dore-train resume={folder}")
+        print(f"stopped; resume with: dore-train {pasted('resume', folder)}")
         return ExitCode.STOPPED
     progress = session.trainer.progress
     if not progress.updates:
         print(f"{reason}: nothing was learned: {_before_the_first_update(session.trainer)}")
-        print(f"resume with: dore-train resume={folder} training.max_minutes=...")
+        print(_resume_with(folder, session.trainer))
         return ExitCode.OK
     success = "no test was run" if progress.success is None else f"IPT success {100 * progress.success:.1f} %"
     print(f"{reason}: {success} after {progress.episodes} episodes in {progress.seconds:.0f} s")
     print(f"model, {METRICS_FILE} and {CURVE_FILE} are in {folder}")
     return ExitCode.OK
+
+
+def _resume_with(folder: Path, trainer: Trainer) -> str:
+    """The command that continues a run whose budget is spent, with twice as much of it."""
+    budget, minutes = trainer.budget, trainer.progress.seconds / 60
+    timed = budget.max_minutes is not None and minutes >= budget.max_minutes
+    more = f"max_minutes={2 * (budget.max_minutes or 0):g}" if timed else f"max_episodes={2 * budget.max_episodes}"
+    return f"resume with: dore-train {pasted('resume', folder)} training.{more}"
 
 
 def _before_the_first_update(trainer: Trainer) -> str:

@@ -145,6 +145,17 @@ class _Interval(NamedTuple):
         return "" if math.isnan(self.low) else f" [{self.low:{spec}}, {self.high:{spec}}]"
 
 
+class _Spread(NamedTuple):
+    """Of a cell over several runs, in a format: "{spread:.1f}" is " (0.4) [1.0, 2.5]", or nothing where it is one."""
+
+    sd: float
+    low: float
+    high: float
+
+    def __format__(self, spec: str) -> str:
+        return "" if math.isnan(self.sd) else f" ({self.sd:{spec}}){_Interval(self.low, self.high):{spec}}"
+
+
 def _cell(one: Mapping[str, Any] | None, table: Spec, with_n: bool) -> str:
     if one is None:
         return str(table.get("missing", "-"))
@@ -156,7 +167,9 @@ def _cell(one: Mapping[str, Any] | None, table: Spec, with_n: bool) -> str:
     if math.isnan(one["mean"]):
         return "-"
     if template:
-        return str(template.format(**one, half=one["high"] - one["mean"], interval=_Interval(one["low"], one["high"])))
+        interval = _Interval(one["low"], one["high"])
+        spread = _Spread(one["sd"], *interval)
+        return str(template.format(**one, half=one["high"] - one["mean"], interval=interval, spread=spread))
     digits = table.get("digits", 3)
     text = significant(one["mean"], digits)
     if not math.isnan(one["sd"]):

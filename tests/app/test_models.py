@@ -40,7 +40,7 @@ def test_a_sweep_and_the_shipped_one(runs, tmp_path, capsys):
     (line,) = [one for one in over_seeds if one.startswith("learned")]
     assert line.split()[:3] == ["learned", "agent-sequential", "2"]
     solved = [100 * (rows[rows.planner == name].status == "solved").mean() for name in names[:2]]
-    assert f"{sum(solved) / 2:.1f} (sd " in line
+    assert f"{sum(solved) / 2:.1f} (" in line
     assert f"[{min(solved):.1f}, {max(solved):.1f}]" in line
     assert run("evaluate", [f"resume={tmp_path / 'run'}"]) == 0
     assert "over seeds" in capsys.readouterr().out

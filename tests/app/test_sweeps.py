@@ -11,10 +11,10 @@ import sys
 import time
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from dore.app import sweep, sweep_job
-from dore.app.cli import short_name
 from tests.commands import TINY, complaints, run
 
 SERIAL = "hydra/launcher=basic"
@@ -192,7 +192,19 @@ def test_a_launcher_that_fails_is_one_line(tmp_path, capsys, monkeypatch):
     assert line == "dore-train: RuntimeError: a worker was terminated"
 
 
-def test_short_names_differ(tmp_path):
-    names = [short_name("a" * 200 + end) for end in "xy"]
-    assert names[0] != names[1]
-    assert short_name("") == "defaults"
+def test_a_sweep_ends_in_a_result(tmp_path, capsys):
+    arguments = ["-m", *TINY, SERIAL, "agent=single,sequential", "seed=0,1", f"hydra.sweep.dir={tmp_path}"]
+    assert run("train", arguments) == 0
+    summary = pd.read_csv(tmp_path / "summary.csv")
+    done = {path.parent.name: json.loads(path.read_text()) for path in tmp_path.glob("*/done.json")}
+    assert list(summary.columns[:4]) == ["job", "agent", "seed", "code"]
+    assert {one.job: (one.best_success, one.episodes) for one in summary.itertuples()} == {
+        name: (one["best_success"], one["episodes"]) for name, one in done.items()
+    }
+    table = capsys.readouterr().out.split("over seeds")[1].splitlines()
+    for agent in ("single", "sequential"):
+        (line,) = [one for one in table if one.startswith(f"agent={agent} ")]
+        best = [100 * one["best_success"] for name, one in done.items() if name.startswith(f"agent-{agent}_seed-")]
+        assert line.split()[1:3] == ["2", f"{sum(best) / 2:.1f}"]
+        assert f"[{min(best):.1f}, {max(best):.1f}]" in line
+    assert (tmp_path / "learning_curves.png").stat().st_size > 10_000
