@@ -137,7 +137,7 @@ def test_arrows_are_seen() -> None:
 
 def loaded_by(code: str, names: set[str]) -> str:
     """Which of the libraries a new process has loaded after some code."""
-    code = f"import sys; {code}; print(*sorted({names!r} & set(sys.modules)))"
+    code = f"import sys\n{code}\nprint(*sorted({names!r} & set(sys.modules)))"
     return subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=True
     ).stdout.strip()
@@ -150,3 +150,16 @@ def test_the_command_line_loads_neither_torch_nor_the_simulator() -> None:
 @pytest.mark.parametrize("planner", WITHOUT_A_NETWORK)
 def test_a_planner_without_a_network_loads_no_torchrl(planner: str) -> None:
     assert loaded_by(f"import dore.planners.{planner}", {"torchrl", "tensordict", "matplotlib"}) == ""
+
+
+def test_dore_plan_with_exact_loads_no_network(tmp_path: Path) -> None:
+    code = f"""
+from dore.app import cli
+sys.argv = ["dore-plan", "planner=exact", "out={tmp_path}/plan.json"]
+try:
+    cli.plan()
+except SystemExit as end:
+    assert end.code == 0
+"""
+    said = loaded_by(code, {"torchrl", "tensordict", "pandas"})
+    assert said.splitlines()[-1].endswith("plan.png")

@@ -27,10 +27,9 @@ class Model:
     label: str = ""
     group: str = ""
 
-    @property
-    def config(self) -> dict[str, Any]:
-        """What it was made with."""
-        return load_model(SHIPPED if self.path is None else self.path)[1]
+    def config(self, parts: Sequence[str] | None = None) -> dict[str, Any]:
+        """What it was made with; these parts of it, or all."""
+        return load_model(SHIPPED if self.path is None else self.path, parts)[1]
 
 
 def models_of(value: object) -> list[Model]:
@@ -63,7 +62,7 @@ def world_config(models: Sequence[Model], given: Mapping[str, Any], parts: Seque
         InputError: they differ in one of the `parts` that is not `given`.
     """
     own = [one for one in models if one.path is not None] or list(models)
-    first, *others = [one.config for one in own]
+    first, *others = [one.config(parts) for one in own]
     for part in (one for one in parts if "_target_" not in (given.get(one) or {})):
         for model, config in zip(own[1:], others, strict=True):
             if config[part] != first[part]:
@@ -112,7 +111,7 @@ def _grouped(models: Sequence[Model]) -> list[Model]:
 
 def _learned(model: Model) -> str:
     """What a model has learned from, but for its seed; the whole config where there is one, else the model file's."""
-    config: Mapping[Any, Any] = model.config
+    config: Mapping[Any, Any] = model.config()
     if model.path is not None and (model.path / CONFIG_FILE).exists():
         config = {key: value for key, value in read_config(model.path).items() if key in (*LEARNING, "worlds")}
     return json.dumps({key: str(value) for key, value in leaves(config) if key != "seed"}, sort_keys=True)

@@ -6,7 +6,6 @@ from omegaconf import DictConfig
 
 from dore.app import build, scenes
 from dore.app.run_folder import folder_of
-from dore.draw.boards import draw_plan
 from dore.errors import ExitCode, InputError, seed_of
 from dore.files import check_outputs
 from dore.world.files import write_plan
@@ -32,6 +31,8 @@ def plan_command(cfg: DictConfig) -> int:
     write_plan(out, PlanFile(problem, found))
     _print_plan(found, cell_id(problem.scene.target))
     print(f"plan: {out}", flush=True)
+    from dore.draw.boards import draw_plan  # Half of a cold start; the plan does not wait for it.
+
     draw_plan(problem, found, picture)
     print(f"picture: {picture}")
     return EXIT_CODES[found.status]

@@ -11,8 +11,6 @@ from dore.app import build, run_folder
 from dore.configure import make
 from dore.errors import InputError, path_of, whole
 from dore.files import CONFIG_FILE, ROWS_FILE, shipped_or
-from dore.report.evaluation import PARTIAL
-from dore.report.rows import read_rows
 from dore.world.layout import Layout
 from dore.world.problem import Scene
 from dore.world.scene_files import read_scenes
@@ -49,6 +47,9 @@ def check_random(cfg: DictConfig) -> None:
 
 def _of_row(folder: Path, instance: object) -> Given:
     """The scene of an evaluation's rows."""
+    from dore.report.evaluation import PARTIAL  # pandas, which no other scene needs.
+    from dore.report.rows import read_rows
+
     file = next((folder / name for name in (ROWS_FILE, PARTIAL) if (folder / name).exists()), None)
     if file is None:
         raise InputError(f"scene: {folder} has no {ROWS_FILE}, want a scene file or the folder of an evaluation")

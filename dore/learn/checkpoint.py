@@ -10,6 +10,7 @@ import hashlib
 import io
 import json
 import os
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -116,8 +117,11 @@ def ipt_of(path: Path) -> Tested | None:
         return Tested(*checked(parse_json(header["tested"]), tuple[float, float])) if "tested" in header else None
 
 
-def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Weights and config of a model file, or of the one in a run directory.
+def load_model(
+    path: str | os.PathLike[str], parts: Collection[str] | None = None
+) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Weights and config of a model file, or of the one in a run directory; of the config all, or these keys alone,
+    whose classes are imported.
 
     Raises:
         InputError: no such file, a damaged one, one of another program, or one that names what files may not name.
@@ -128,5 +132,6 @@ def load_model(path: str | os.PathLike[str]) -> tuple[dict[str, Tensor], dict[st
         weights, header = read_tensors(file, MODEL_FORMAT)
         config = checked(renamed(parse_json(header.get("config", "null"))), _ModelConfig)
         plain = {name: value for name, value in msgspec.structs.asdict(config).items() if value is not None}
+        plain = plain if parts is None else {name: plain[name] for name in plain if name in parts}
         check_classes(plain)
     return weights, plain
