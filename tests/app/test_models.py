@@ -71,7 +71,7 @@ def test_what_cannot_be_compared_is_one_line(runs, tmp_path, capsys):
         err = capsys.readouterr().err
         assert says in err
         assert err.count("\n") == 1
-    assert run("plan", [f"model={mine}"]) == 2
+    assert run("plan", [f"model={mine}", "planner=learned"]) == 2
     assert "want one" in capsys.readouterr().err
 
 
