@@ -37,7 +37,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capfd, overrides, sa
 def test_a_scene_is_planned_and_carried_out(tmp_path, capfd):
     assert run("execute", ["scene=random", "obstacles=5", "video=off", "seed=4", f"run_dir={tmp_path / 'run'}"]) == 0
     assert "done: " in capfd.readouterr().out
-    assert json.loads((tmp_path / "run" / "execution.json").read_text())["planner"] == "guided"
+    assert json.loads((tmp_path / "run" / "execution.json").read_text())["planner"] == "exact"
 
 
 @needs_vulkan

@@ -60,7 +60,7 @@ def test_a_plan_goes_into_a_new_folder_and_stays_when_its_picture_fails(
     def no_picture(*_: object) -> None:
         raise OSError(28, "No space left on device", "plan.png")
 
-    monkeypatch.setattr("dore.app.plan.draw_plan", no_picture)
+    monkeypatch.setattr("dore.draw.boards.draw_plan", no_picture)
     assert run("plan", [*EXACT, "out=new/plan.json"]) == 2
     assert json.loads((tmp_path / "new" / "plan.json").read_text())["status"] == "solved"
 

@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from joblib.externals.loky import get_reusable_executor
 
 from dore.sim.scene.agent import render_backend
 from tests.commands import TINY, run
@@ -37,6 +38,7 @@ def test_commands_in_order(tmp_path, monkeypatch):
     (tmp_path / "conf").symlink_to(ROOT / "conf")
     (tmp_path / "outputs").mkdir()  # as in a checkout
     monkeypatch.chdir(tmp_path)
+    get_reusable_executor().shutdown(wait=True)  # Workers of earlier tests are in other folders.
     assert {command[0] for command in commands()} == {f"dore-{name}" for name in SMALL}
     for program, *arguments in commands():
         name = program.removeprefix("dore-")

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dore.app.build import reach_of
 from dore.planners.exact import Exact
 from dore.sim.run.closed_loop import ClosedLoop, Limits
 from dore.sim.run.execution import run_loop
@@ -19,7 +18,6 @@ from dore.sim.run.operator import Operator
 from dore.sim.run.report import ExecutionReport
 from dore.sim.vision.scene_estimate import Detection, Observation
 from dore.world.problem import Batch, Problem, Scene
-from tests.app.test_conf import compose
 from tests.setups import LAYOUT, setup
 
 SCENE = Scene(LAYOUT, obstacles=(2, 8, 13), target=14)
@@ -49,7 +47,7 @@ class TrueCamera:
 
 
 def loop_with(disturbance: Any, scene: Scene = SCENE, **changes: Any) -> ClosedLoop:
-    reach = reach_of(compose("execute", []), "cpu", LAYOUT)
+    reach = SETUP.reach(LAYOUT)
     planner = Exact(reach, max_nodes=10_000, max_seconds=20.0, max_memory_mb=256)
     plan = lambda problem: planner.plan(Batch.of(problem))[0]  # noqa: E731
     loop = ClosedLoop(Problem(scene, reach), "exact", plan, disturbance, LIMITS, TrueCamera)

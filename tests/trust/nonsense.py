@@ -44,7 +44,7 @@ def _unknown(data: dict[str, Any], random: Random) -> None:
 
 def _missing(data: dict[str, Any], random: Random) -> None:
     # The front edge has a default, and so do these of a plan.
-    del data[random.choice([key for key in data if key not in ("planning_s", "optimal_moves")])]
+    del data[random.choice([key for key in data if key not in ("planning_s", "optimal_moves", "base_frame")])]
 
 
 def _outside(data: dict[str, Any], random: Random) -> None:

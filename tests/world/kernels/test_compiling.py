@@ -114,6 +114,7 @@ def test_threads_and_forked_processes_find_the_same() -> None:
 
 
 def test_ctrl_c_is_heard_at_once() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # What starts in the background ignores it.
     reach = wide_hand(8, 8)
     planner, batch = Exact(reach, 10**9, 60.0, 500.0), InstanceSet.generate(reach, 38, Difficulty(32, 32), "test", 1)
     planner.find(batch.batch(slice(1)))
@@ -129,6 +130,7 @@ def test_ctrl_c_is_heard_at_once() -> None:
         planner.find(batch.batch(slice(37, 38)))
     assert time.process_time() - sent[0] < 0.2
     timer.join()
+    signal.signal(signal.SIGINT, before)
 
 
 def test_more_cells_than_the_kernels_hold_are_refused() -> None:
