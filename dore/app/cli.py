@@ -11,7 +11,7 @@ from importlib import import_module
 
 import hydra
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, ListConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dore.app import jobs, own_parts, renamed, sweep, sweep_job, usage
@@ -90,7 +90,9 @@ def _check_files(cfg: DictConfig) -> None:
     """Refuse what is not there before torch is loaded, which takes seconds."""
     for key, group in (("scene", "scenes"), ("plan", "plans"), ("model", "")):
         value = cfg.get(key)
-        if isinstance(value, str) and value != "random" and not shipped_or(path_of(key, value), group).exists():
+        if value is None or value == "random" or isinstance(value, ListConfig):
+            continue
+        if not shipped_or(path_of(key, value), group).exists():
             raise InputError(f"{value}: no such file")
 
 
