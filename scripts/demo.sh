@@ -24,7 +24,7 @@ echo "== 2/4 evaluate: $limit test instances, beside the straight-line baseline"
 "$bin/dore-evaluate" model="$out/train" run_dir="$out/evaluate" limit="$limit"
 
 echo "== 3/4 plan: the scene of the paper's Fig. 7; the plan is replayed before it is written"
-"$bin/dore-plan" model="$out/train" scene=conf/scenes/fig7.json out="$out/plan.json" || {
+"$bin/dore-plan" model="$out/train" planner=learned scene=fig7 out="$out/plan.json" || {
     code=$?
     echo "demo.sh: no plan for this scene (exit code $code); train longer" >&2
     exit "$code"
