@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ import hydra
 import pandas as pd
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import OmegaConfBaseException, UnsupportedValueType
 
 from dore.app import build
 from dore.app.evaluate import Evaluation
@@ -31,6 +32,8 @@ from dore.world.plan import Plan
 from dore.world.problem import Batch, Problem, Scene
 
 Path = str | os.PathLike[str]
+SETTINGS = ("split", "timing", "device", "threads", "planners")
+"""Further keys of dore-evaluate that `evaluate` takes."""
 
 
 def make_env(
@@ -57,8 +60,11 @@ def make_env(
     Raises:
         InputError: names the argument that is wrong.
     """
-    cfg = _composed("train", {"layout": layout, "reach": reach, "instances": instances})
-    OmegaConf.update(cfg, "env", {"num_envs": num_envs, "max_moves": max_moves})
+    for name, given in {"layout": layout, "reach": reach, "instances": instances}.items():
+        if given is None:
+            raise InputError(f"{name}: got None, want one of its options")
+    chosen = {"layout": layout, "reach": reach, "instances": instances}
+    cfg = _composed("train", chosen, env={"num_envs": num_envs, "max_moves": max_moves})
     on = build.reach_of(cfg, device, layout if isinstance(layout, Layout) else None)
     splits, seed = build.splits_of(cfg, on), seed_of("seed", seed)
     if split not in SPLITS:
@@ -89,8 +95,10 @@ def plan(
     Raises:
         InputError: names the argument or the field that is wrong.
     """
+    if not isinstance(planner, str):
+        raise InputError(f"planner: got {shown(planner)}, want one of its options, by name")
     if isinstance(scene, Mapping):
-        scene = scene_of(dict(scene))
+        scene = scene_of(_plain(scene))
     elif not isinstance(scene, Scene):
         scene = read_scene(shipped_or(path_of("scene", scene), "scenes"))
     cfg = _composed("plan", {"planner": planner, "reach": reach}, model=model, **{f"planners.{planner}": options})
@@ -141,14 +149,17 @@ def evaluate(
         layout, reach, instances: options of conf/; None: the model's.
         model: as in dore-evaluate; a list makes a row label of each model.
         limit: the first so many instances; None: all.
-        settings: further keys of conf/evaluate.yaml: split, timing, device, threads, planners.
+        settings: further keys of conf/evaluate.yaml: `SETTINGS`.
 
     Raises:
         InputError: names the argument that is wrong.
     """
-    names = [planner] if isinstance(planner, str) else list(planner)
-    chosen = {"planner": f"[{','.join(names)}]", "layout": layout, "reach": reach, "instances": instances}
-    models = model if model is None or isinstance(model, str | os.PathLike) else list(model)
+    for name in settings:
+        if name not in SETTINGS:
+            raise InputError(f"{name}: no such key{nearest(name, SETTINGS)}; want {', '.join(SETTINGS)}")
+    names = [planner] if isinstance(planner, str) else planner
+    chosen = {"planner": names, "layout": layout, "reach": reach, "instances": instances}
+    models = list(model) if isinstance(model, list | tuple) else model
     of = Evaluation.of(_composed("evaluate", chosen, model=models, limit=limit, **settings))
     none = pd.DataFrame(columns=list(ROW_COLUMNS))
     return pd.DataFrame(rows_as_they_come(of.planners, of.instances, of.timing, none, batch_size=1024))
@@ -160,7 +171,9 @@ def _composed(command: str, chosen: Mapping[str, object], **values: Any) -> Dict
     Raises:
         InputError: no such option or key.
     """
-    overrides = [f"{group}={option}" for group, option in chosen.items() if isinstance(option, str)]
+    overrides = [
+        f"{group}={_names(group, given)}" for group, given in chosen.items() if not isinstance(given, Layout | None)
+    ]
     try:
         with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
             cfg = hydra.compose(command, overrides)
@@ -170,9 +183,36 @@ def _composed(command: str, chosen: Mapping[str, object], **values: Any) -> Dict
         for last, one in value.items() if isinstance(value, Mapping) else [("", value)]:
             name = f"{key}.{last}".rstrip(".")
             try:
-                OmegaConf.update(cfg, name, os.fspath(one) if isinstance(one, os.PathLike) else one, force_add=False)
+                OmegaConf.update(cfg, name, _plain(one), force_add=False)
+            except UnsupportedValueType:
+                raise InputError(f"{name}: got {shown(one)}, want a plain value") from None
             except OmegaConfBaseException:
                 parent = OmegaConf.select(cfg, key) if last else cfg
                 known = [str(known) for known in parent or () if not str(known).startswith("_")]
                 raise InputError(f"{name}: no such key{nearest(last or key, known)}; want {', '.join(known)}") from None
     return cfg
+
+
+def _names(group: str, given: object) -> str:
+    """One or several options as Hydra takes them.
+
+    Raises:
+        InputError: no names, or one twice.
+    """
+    names = given if isinstance(given, list | tuple) and group == "planner" else [given]
+    if not names or not all(isinstance(name, str) and re.fullmatch(r"[\w./-]+", name) for name in names):
+        raise InputError(f"{group}: got {shown(given)}, want one of its options, by name")
+    if len(set(names)) < len(names):
+        raise InputError(f"{group}: got {shown(given)}, want each name once")
+    return f"[{','.join(map(str, names))}]" if names is given else str(given)
+
+
+def _plain(value: Any) -> Any:
+    """Numbers and arrays of NumPy and torch, and paths, as the config files hold them."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return os.fspath(value) if isinstance(value, os.PathLike) else value

@@ -15,6 +15,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import TransformedEnv
 
 from dore.app.front_door import make_env
+from dore.errors import InputError, shown
 from dore.learn.joint import Joint
 
 
@@ -57,8 +58,17 @@ class VectorRearrange(VectorEnv):
         return self._observation(self._now), self._info(self._now)
 
     def step(self, actions: NDArray[np.int64]) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """One move in each environment."""
-        self._now["action"] = torch.as_tensor(np.asarray(actions, dtype=np.int64))
+        """One move in each environment.
+
+        Raises:
+            InputError: other actions.
+        """
+        given = np.asarray(actions)
+        integers = np.issubdtype(given.dtype, np.integer) and given.shape == (self.num_envs,)
+        if not integers or given.min() < 0 or given.max() >= self._n_actions:
+            wanted = f"want {self.num_envs} integers from 0 to {self._n_actions - 1}"
+            raise InputError(f"action: got {shown(actions)}, {wanted}")
+        self._now["action"] = torch.as_tensor(given.astype(np.int64))
         stepped, self._now = self._env.step_and_maybe_reset(self._now)
         after = stepped["next"]
         info = self._info(self._now) | {"failure": after["failure"].numpy()}

@@ -12,9 +12,10 @@ from dore.app import run_folder
 from dore.app.run_folder import CHECKPOINT
 from dore.app.session import Session
 from dore.app.training import trainer_of
+from dore.configure import leaves
 from dore.errors import ExitCode, InputError, pasted, path_of
 from dore.files import CURVE_FILE, DONE_FILE, METRICS_FILE, locked
-from dore.learn.checkpoint import load_checkpoint
+from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, load_checkpoint, load_model
 from dore.learn.memory import NotEnoughMemory
 from dore.learn.trainer import Diverged, StopReason, Trainer
 
@@ -50,6 +51,7 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
     with locked(folder, "resume"):
         trainer = trainer_of(cfg)
         _load(trainer, folder / CHECKPOINT, cfg)
+        _check_models(folder, cfg)
         if trainer.spent() and (folder / DONE_FILE).exists():
             done = trainer.progress
             used = f"{done.episodes} episodes and {done.seconds:.0f} s"
@@ -71,6 +73,13 @@ def _load(trainer: Trainer, checkpoint: Path, cfg: DictConfig) -> None:
     except (RuntimeError, KeyError, ValueError, TypeError) as error:
         why = str(error).splitlines()[0]
         raise InputError(f"{checkpoint}: from a different layout, network or version ({why})") from None
+
+
+def _check_models(folder: Path, cfg: DictConfig) -> None:
+    """Refuse a folder with another run's model: it would be kept as this run's best."""
+    for path in (folder / BEST_NAME, folder / MODEL_NAME):
+        if path.exists():
+            run_folder.check_learns(str(path), dict(leaves(load_model(path)[1])), run_folder.learning_keys(cfg))
 
 
 def _resumed_config(folder: Path, given: DictConfig) -> DictConfig:

@@ -51,6 +51,14 @@ def test_one_environment_ends_where_its_episode_ends():
         gymnasium.make(ENV).step(0)
 
 
+@pytest.mark.parametrize("action", [1.7, True, 324, -1, np.nan, "x", None])
+def test_what_is_no_action_is_refused(action):
+    env = gymnasium.make(ENV, layout="3x6").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"^action: got \S.*, want 1 integers from 0 to 323$"):
+        env.step(action)
+
+
 def test_a_wrong_option_is_one_line():
     with pytest.raises(ValueError, match="Could not find 'layout/3x7'"):
         gymnasium.make(ENV, layout="3x7")

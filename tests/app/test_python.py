@@ -8,7 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import torch
 
 import dore
 from dore.errors import InputError
@@ -65,6 +67,14 @@ def test_a_scene_is_a_path_its_content_or_a_scene():
     assert dore.plan(scene, "exact").status is Status.SOLVED
 
 
+def test_numbers_of_numpy_and_torch_are_taken():
+    assert dore.make_env(num_envs=np.int64(4), max_moves=torch.tensor(3)).batch_size == torch.Size([4])
+    content = json.loads(FIG_7.read_text(encoding="utf-8"))
+    content["obstacles"], content["target"] = np.array(content["obstacles"]), np.int64(content["target"])
+    assert dore.plan(content, max_nodes=np.int64(10_000)).moves == dore.plan(FIG_7).moves
+    assert len(dore.evaluate("exact", layout="3x6", limit=np.int64(2))) == 2
+
+
 def test_a_model_acts_on_the_layout_that_is_asked_for():
     env, agent = dore.make_env("5x5", num_envs=32, split="test", seed=1), dore.load_model(layout="5x5")
     after = env.rollout(12, agent.policy, break_when_any_done=False)["next"]
@@ -79,6 +89,17 @@ def test_a_model_acts_on_the_layout_that_is_asked_for():
         (lambda: dore.plan(FIG_7, max_node=3), r"planners.exact.max_node: no such key \(did you mean max_nodes\?\)"),
         (lambda: dore.plan(FIG_7, max_nodes=-3), "planners.exact.max_nodes: got -3"),
         (lambda: dore.plan({"format": "dore-scene/1"}), "layout: not given"),
+        (lambda: dore.make_env((3, 6)), r"layout: got \(3, 6\), want one of its options, by name"),
+        (lambda: dore.make_env(None), "layout: got None, want one of its options"),
+        (lambda: dore.plan(FIG_7, reach={"clearance_m": 0.1}), "reach: got {'clearance_m': 0.1}, want one of"),
+        (lambda: dore.plan(FIG_7, ["exact"]), "planner: got .*exact"),
+        (lambda: dore.plan(FIG_7, max_nodes=1j), "planners.exact.max_nodes: got 1j, want a plain value"),
+        (lambda: dore.evaluate(3), "planner: got 3, want one of its options, by name"),
+        (lambda: dore.evaluate([]), "planner: got .., want one of its options, by name"),
+        (lambda: dore.evaluate(["exact", "exact"]), "planner: got .*, want each name once"),
+        (lambda: dore.evaluate("exact", model=3), "model: got 3, want a path"),
+        (lambda: dore.evaluate("exact", seed=3), "seed: no such key; want split, timing"),
+        (lambda: dore.evaluate("exact", reach="${oc.env:HOME}"), "reach: got .*, want one of its options, by name"),
         (lambda: dore.make_env("3x7"), "Could not find 'layout/3x7'"),
         (lambda: dore.make_env(num_envs=0), "env.num_envs: got 0"),
         (lambda: dore.make_env(split="exam"), "split: got 'exam', want one of train, validation, test"),

@@ -49,6 +49,13 @@ def test_a_checkpoint_goes_with_no_other_config(tmp_path, capsys):
     assert run("train", more) == 2
     assert f"{checkpoint} was started with seed=7, not" in capsys.readouterr().err
     checkpoint.write_bytes(kept)
+    model = folder / "model.safetensors"
+    mine = model.read_bytes()
+    model.write_bytes((other / "model.safetensors").read_bytes())
+    assert run("train", more) == 2
+    assert f"{model} was started with seed=7, not" in capsys.readouterr().err
+    assert (folder / "done.json").exists()
+    model.write_bytes(mine)
     assert run("train", more) == 0
 
 
