@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from omegaconf import DictConfig
 
-from dore.app import build, scenes
+from dore.app import build, run_folder, scenes
 from dore.app.run_folder import folder_of
 from dore.errors import ExitCode, InputError, seed_of
 from dore.files import check_outputs
@@ -51,6 +51,9 @@ def _random(cfg: DictConfig) -> Problem:
 
 def _given(cfg: DictConfig) -> Problem:
     """A scene of the user's, or a row of an evaluation, whose reach is that of the evaluation."""
+    for change in run_folder.changes():
+        if change.lstrip("+").split("=")[0].split(".")[0] in ("layout", "instances", "seed"):
+            raise InputError(f"{change}: has no effect on scene={cfg.scene}, want scene=random")
     scene, evaluation = scenes.given(cfg)
     world = build.world_of(cfg, build.model_config(cfg) if evaluation is None else evaluation)
     return Problem(scene, build.reach_of(world, cfg.device, scene.layout))

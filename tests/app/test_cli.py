@@ -134,6 +134,8 @@ def test_a_run_that_cannot_start_leaves_its_name_free(tmp_path, capsys):
         ("plan", ["out=null"], "out: got None, want a path"),
         ("plan", ["scene=null"], "scene: got None, want a path"),
         ("plan", ["model=5"], "model: got 5, want a path"),
+        ("plan", ["scene=fig7", "seed=5"], "seed=5: has no effect on scene=fig7, want scene=random"),
+        ("plan", ["scene=fig7", "layout=6x6"], "layout=6x6: has no effect on scene=fig7, want scene=random"),
         ("execute", ["scene=random", "model={}"], "model: got {}, want a path"),
         ("execute", ["plan=5"], "plan: got 5, want a path"),
         ("execute", ["plan=fig7", "seed=5000000000"], "seed: got 5000000000"),
