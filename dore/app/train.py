@@ -79,7 +79,9 @@ def _check_models(folder: Path, cfg: DictConfig) -> None:
     """Refuse a folder with another run's model: it would be kept as this run's best."""
     for path in (folder / BEST_NAME, folder / MODEL_NAME):
         if path.exists():
-            run_folder.check_learns(str(path), dict(leaves(load_model(path)[1])), run_folder.learning_keys(cfg))
+            its = load_model(path)[1]
+            ours = {key: one for key, one in run_folder.learning_keys(cfg).items() if key.split(".")[0] in its}
+            run_folder.check_learns(str(path), dict(leaves(its)), ours)
 
 
 def _resumed_config(folder: Path, given: DictConfig) -> DictConfig:
