@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from dore.app import cli
+from dore.planners.straight_line import StraightLine
+from dore.world.plan import Plan
+from dore.world.problem import Batch
 
 TINY = (
     "layout.rows=3",
@@ -44,6 +48,22 @@ def run(command: str, overrides: Sequence[str]) -> int:
         with pytest.raises(SystemExit) as ended:
             getattr(cli, command)()
     return int(ended.value.code or 0)
+
+
+@contextmanager
+def ctrl_c_at_plan(number: int) -> Iterator[list[Batch]]:
+    """Ctrl-C in the block's `number`th call of the straight-line planner; gives the calls so far."""
+    plan, calls = StraightLine.plan, []
+
+    def stopped(self: StraightLine, batch: Batch) -> list[Plan]:
+        calls.append(batch)
+        if len(calls) == number:
+            raise KeyboardInterrupt
+        return plan(self, batch)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(StraightLine, "plan", stopped)
+        yield calls
 
 
 def complaints(capsys: pytest.CaptureFixture[str]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -98,7 +97,7 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
 
 def _check_keys_fit(cfg: DictConfig) -> None:
     """Refuse what would be ignored: a reach beside the arm's own, and how to carry plans out where no arm does."""
-    keys = {re.split(r"[=.@]", change.lstrip("+~"))[0]: change for change in run_folder.changes()}
+    keys = run_folder.changed_keys()
     if cfg.get("arm") is not None and "reach" in keys:
         raise InputError(f"{keys['reach']}: plans are made with the arm's own reach, want none given")
     unused = [keys[key] for key in OF_AN_ARM if key in keys]

@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from dore.app import build, jobs, run_folder, scenes
 from dore.configure import make
 from dore.errors import ExitCode, InputError, path_of, seed_of, whole
-from dore.files import locked, shipped_or
+from dore.files import shipped_or
 from dore.planners.base import Planner
 from dore.sim.run.closed_loop import ClosedLoop
 from dore.sim.run.execution import Loop, run_loop
@@ -38,7 +38,7 @@ def execute_command(cfg: DictConfig) -> int:
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = _of_scene(cfg, setup) if cfg.plan is None else _of_plan(cfg)
     if jobs.in_sweep():
-        clear_interrupted(jobs.folder_of_job())
+        run_folder.clear(jobs.folder_of_job(), _of_execution)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(REPORT_NAME,), resumes=False) as folder:
         report = run_loop(loop, setup, folder)
     _print_report(report, folder)
@@ -47,15 +47,9 @@ def execute_command(cfg: DictConfig) -> int:
     return ExitCode.OK if report.success else ExitCode.FAILED
 
 
-def clear_interrupted(folder: Path) -> None:
-    """Remove what a job has left that was stopped or killed; nothing where there is anything else."""
-    if not folder.is_dir():
-        return
-    with locked(folder, "run_dir"):
-        left = list(folder.iterdir())
-        if all(path.name == REPORT_NAME or path.suffix in (".tmp", ".png", ".mp4") for path in left):
-            for path in left:
-                path.unlink()
+def _of_execution(path: Path) -> bool:
+    """Whether an execution writes such a file, one that was stopped or killed among them."""
+    return path.name == REPORT_NAME or path.suffix in (".tmp", ".png", ".mp4")
 
 
 def setup_of(cfg: DictConfig, film: bool) -> Setup:

@@ -60,10 +60,10 @@ def make_env(
     Raises:
         InputError: names the argument that is wrong.
     """
-    for name, given in {"layout": layout, "reach": reach, "instances": instances}.items():
+    chosen = {"layout": layout, "reach": reach, "instances": instances}
+    for name, given in chosen.items():
         if given is None:
             raise InputError(f"{name}: got None, want one of its options")
-    chosen = {"layout": layout, "reach": reach, "instances": instances}
     cfg = _composed("train", chosen, env={"num_envs": num_envs, "max_moves": max_moves})
     on = build.reach_of(cfg, device, layout if isinstance(layout, Layout) else None)
     splits, seed = build.splits_of(cfg, on), seed_of("seed", seed)

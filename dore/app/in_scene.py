@@ -20,7 +20,7 @@ from dore.configure import make, trust_command_line
 from dore.errors import InputError, whole
 from dore.planners.base import Planner
 from dore.report.evaluation import check_done, row_of
-from dore.report.progress import Progress
+from dore.report.progress import ProgressBar
 from dore.report.rows import ExecutedRow, Timing
 from dore.sim.motion.outcome import Outcome
 from dore.sim.run.report import ExecutionReport
@@ -108,7 +108,7 @@ def rows_of_scenes(
             _register(cfg.backend)
             stack.enter_context(parallel_config(cfg.backend))
         made = Parallel(n_jobs=cfg.workers, batch_size=1, return_as="generator")(jobs)
-        with Progress(total=len(names) * len(problems), initial=len(there), unit="run") as bar:
+        with ProgressBar(total=len(names) * len(problems), initial=len(there), unit="run") as bar:
             for row in made:
                 yield row
                 bar.update()

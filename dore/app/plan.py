@@ -51,8 +51,8 @@ def _random(cfg: DictConfig) -> Problem:
 
 def _given(cfg: DictConfig) -> Problem:
     """A scene of the user's, or a row of an evaluation, whose reach is that of the evaluation."""
-    for change in run_folder.changes():
-        if change.lstrip("+").split("=")[0].split(".")[0] in ("layout", "instances", "seed"):
+    for key, change in run_folder.changed_keys().items():
+        if key in ("layout", "instances", "seed"):
             raise InputError(f"{change}: has no effect on scene={cfg.scene}, want scene=random")
     scene, evaluation = scenes.given(cfg)
     world = build.world_of(cfg, build.model_config(cfg) if evaluation is None else evaluation)

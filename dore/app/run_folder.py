@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shutil
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -103,14 +104,26 @@ def clear_unstarted(folder: Path) -> None:
     Raises:
         InputError: another process works there.
     """
-    if not folder.is_dir() or (folder / CHECKPOINT).exists():
-        return
-    with locked(folder, "run_dir"):
-        left = list(folder.iterdir())
-        # Killed while it wrote its first file, it has left that file's temporary one. What is not a run's stays.
-        begun = (folder / CONFIG_FILE).exists() or all(path.suffix == ".tmp" for path in left)
-        if begun and all(path.name in _WRITTEN or path.suffix in (".tmp", ".safetensors") for path in left):
-            shutil.rmtree(folder)
+
+    def of_run(path: Path) -> bool:
+        # Killed while it wrote its first file, it has left that file's temporary one.
+        begun = (folder / CONFIG_FILE).exists()
+        return path.suffix == ".tmp" or (begun and (path.name in _WRITTEN or path.suffix == ".safetensors"))
+
+    if not (folder / CHECKPOINT).exists():
+        clear(folder, of_run)
+
+
+def clear(folder: Path, ours: Callable[[Path], bool]) -> None:
+    """Remove a folder, if it is there and all that lies in it is `ours`.
+
+    Raises:
+        InputError: another process works there.
+    """
+    if folder.is_dir():
+        with locked(folder, "run_dir"):
+            if all(map(ours, list(folder.iterdir()))):
+                shutil.rmtree(folder)
 
 
 def write_config(folder: Path, cfg: DictConfig) -> None:
@@ -162,6 +175,11 @@ def read_config(
 def changes() -> list[str]:
     """What the command line gives beside `resume` and `trust`."""
     return [change for change in HydraConfig.get().overrides.task if not change.startswith(("resume=", "trust="))]
+
+
+def changed_keys() -> dict[str, str]:
+    """Those changes by the key, or the section, that each of them changes."""
+    return {re.split(r"[=.@]", change.lstrip("+~"))[0]: change for change in changes()}
 
 
 def learning_keys(cfg: DictConfig) -> dict[str, Any]:

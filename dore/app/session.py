@@ -14,7 +14,6 @@ from typing import Any, cast
 
 from omegaconf import DictConfig, OmegaConf
 from torchrl.record.loggers import Logger
-from tqdm import tqdm
 
 from dore.app.build import MODEL
 from dore.app.metrics import MetricsLog
@@ -26,9 +25,7 @@ from dore.learn.checkpoint import BEST_NAME, MODEL_NAME, Tested, ipt_of, save_ch
 from dore.learn.evaluator import TestResult
 from dore.learn.memory import memory_for
 from dore.learn.trainer import Diverged, Progress, StopReason, Trainer
-
-PRINT_S = 30.0
-"""Seconds between two lines of progress where there is no terminal to draw a bar on."""
+from dore.report.progress import ProgressBar
 
 
 def _log_row(logger: Logger, row: Mapping[str, Any]) -> None:
@@ -68,11 +65,7 @@ class Session:
             if getattr(logger, "starts_over", False):
                 for row in self.metrics.kept:
                     _log_row(logger, row)
-        # No bar in a log file, but a line now and then.
-        self.bar = tqdm(
-            total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05, disable=None
-        )
-        self._printed_at = time.perf_counter()
+        self.bar = ProgressBar(total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05)
         self._stop = False
         self._saved_at = time.perf_counter()
 
@@ -140,9 +133,8 @@ class Session:
     def _show(self, how: str, before: str = "") -> None:
         """How the run is: on the bar, or as a line now and then, with what a bar would show `before` it."""
         self.bar.set_postfix_str(how)
-        if self.bar.disable and time.perf_counter() - self._printed_at > PRINT_S:
+        if self.bar.due() is not None:
             print(f"{before}{how}", flush=True)
-            self._printed_at = time.perf_counter()
 
     def _keep_best(self, tested: TestResult) -> None:
         """The weights of the best IPT so far, so that a run that is killed leaves a model too."""

@@ -12,7 +12,7 @@ from torchrl.envs import EnvBase
 
 from dore.errors import InputError, number, shown, whole
 from dore.learn import keys
-from dore.world.board import check_boards
+from dore.world.board import check_boards, integers
 from dore.world.episode import MAX_MOVES, Episodes, advance, begin, resumed
 from dore.world.generator import InstanceSource
 from dore.world.reach import Reach
@@ -162,9 +162,7 @@ class RearrangeEnv(EnvBase):
         if cell is None or cell.shape != self.batch_size:
             got = "none" if cell is None else f"{list(cell.shape)}"
             raise InputError(f"{name}: got {got}, want {list(self.batch_size)} cells")
-        if cell.dtype.is_floating_point or cell.dtype.is_complex or cell.dtype == torch.bool:
-            raise InputError(f"{name}: got {cell.dtype}, want integers")
-        cell = cell.long()
+        cell = integers(name, cell, self.device)
         if bool(((cell < 0) | (cell >= self.reach.n_cells)).any()):
             got = f"{int(cell.min())} to {int(cell.max())}"
             raise InputError(f"{name}: got cells {got}, want 0 to {self.reach.n_cells - 1}")

@@ -11,7 +11,7 @@ import pandas as pd
 from dore.errors import InputError, whole
 from dore.files import ROWS_FILE
 from dore.planners.base import Planner
-from dore.report.progress import Progress
+from dore.report.progress import ProgressBar
 from dore.report.rows import Row, Timing, append_row, read_rows, write_rows
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, PlanError, replay
@@ -85,7 +85,7 @@ def rows_as_they_come(
     step = 1 if timing is Timing.SINGLE else whole("batch_size", batch_size, 1)
     problems = list(instances)
     check_done(done, names, problems, timing)
-    with Progress(total=len(planners) * len(problems), initial=len(done), unit="plan") as bar:
+    with ProgressBar(total=len(planners) * len(problems), initial=len(done), unit="plan") as bar:
         for planner in planners:
             there = set(done.instance[done.planner == planner.name])
             if len(there) == len(problems):
@@ -100,8 +100,9 @@ def rows_as_they_come(
 def check_done(done: pd.DataFrame, names: list[str], problems: list[Problem], timing: Timing) -> None:
     """Refuse rows that these planners, instances and timing cannot have made."""
     known = done.planner.isin(names) & (done.timing == timing)
+    scenes = [_scene(problem) for problem in problems] if len(done) else []
     for column in ("n_obstacles", "obstacles", "target"):
-        wanted = dict(enumerate((_scene(problem)[column] for problem in problems), 1))
+        wanted = dict(enumerate((scene[column] for scene in scenes), 1))
         known &= done[column] == done.instance.map(wanted)
     if not known.all():
         one = done[~known].iloc[0]

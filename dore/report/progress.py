@@ -12,7 +12,7 @@ PRINT_S = 30.0
 """Seconds between two lines."""
 
 
-class Progress(tqdm):
+class ProgressBar(tqdm):
     """A tqdm bar on stderr; in a pipe or a log file it prints a line every `PRINT_S` seconds instead."""
 
     def __init__(self, **settings: Any) -> None:
@@ -30,9 +30,15 @@ class Progress(tqdm):
         if not self.disable:
             return super().update(n)
         self.n += n or 0
-        now = time.monotonic()
-        if now - self._printed_at > PRINT_S:
-            self._printed_at = now
-            line = f"{self._name}: {self.n:,} of {self.total:,} {self._unit}s in {now - self._began:.0f} s"
+        if (seconds := self.due()) is not None:
+            line = f"{self._name}: {self.n:,} of {self.total:,} {self._unit}s in {seconds:.0f} s"
             print(line.removeprefix(": "), file=sys.stderr, flush=True)
         return None
+
+    def due(self) -> float | None:
+        """The seconds so far, if there is no bar and the last line was `PRINT_S` ago; the caller then prints one."""
+        now = time.monotonic()
+        if not self.disable or now - self._printed_at <= PRINT_S:
+            return None
+        self._printed_at = now
+        return now - self._began

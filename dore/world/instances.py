@@ -52,10 +52,11 @@ class InstanceSet:
     def __init__(self, reach: Reach, board: Tensor, target: Tensor, accessible: bool = False) -> None:
         board, target = integers("instances", board, reach.device), integers("instances", target, reach.device)
         check_boards("instances", board, target, reach.n_cells)
-        self.n_accessible = int(retrievable(reach, board, target).sum())
+        solved = retrievable(reach, board, target)
+        self.n_accessible = int(solved.sum())
         """How many targets are accessible at the start."""
         faults = {
-            "nothing to rearrange": retrievable(reach, board, target) & (not accessible),
+            "nothing to rearrange": solved & (not accessible),
             "the board and the target of an earlier one": _repeats(torch.cat([board, target[:, None]], -1)),
         }
         refuse_first("instances", faults)
@@ -116,8 +117,7 @@ class FixedInstances(InstanceSource):
     def __init__(self, instances: InstanceSet, seed: int) -> None:
         super().__init__(instances.reach, seed)
         stuck = ~has_move(instances.reach, instances.board, instances.target)
-        if bool(stuck.any()):
-            raise InputError(f"instances: number {int(stuck.nonzero()[0, 0]) + 1} has no legal first move")
+        refuse_first("instances", {"no legal first move": stuck})
         self.instances = instances
 
     def draw(self, n: int) -> Batch:

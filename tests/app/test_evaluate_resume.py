@@ -22,7 +22,7 @@ from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
-from tests.commands import run
+from tests.commands import ctrl_c_at_plan, run
 from tests.drawings import wide_hand
 
 REACH = wide_hand(4, 5)
@@ -94,18 +94,9 @@ def test_rows_of_another_evaluation_are_refused(tmp_path: Path, change: dict) ->
         evaluate_into(tmp_path, [Stopping("a")], INSTANCES, Timing.SINGLE)
 
 
-def test_ctrl_c_says_how_to_resume(tmp_path: Path, capsys, monkeypatch) -> None:
+def test_ctrl_c_says_how_to_resume(tmp_path: Path, capsys) -> None:
     assert run("evaluate", [*WORLD, f"run_dir={tmp_path / 'whole'}"]) == 0
-    plan, calls = StraightLine.plan, []
-
-    def stopped(self: StraightLine, batch: Batch) -> list[Plan]:
-        calls.append(batch)
-        if len(calls) == 5:
-            raise KeyboardInterrupt
-        return plan(self, batch)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(StraightLine, "plan", stopped)
+    with ctrl_c_at_plan(5):
         assert run("evaluate", [*WORLD, f"run_dir={tmp_path / 'parts'}"]) == 130
     assert f"resume with: dore-evaluate resume={tmp_path / 'parts'}" in capsys.readouterr().out
     assert len(read_rows(tmp_path / "parts" / PARTIAL)) == 3

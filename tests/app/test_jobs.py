@@ -10,8 +10,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from dore.app.jobs import job_name
 from dore.errors import pasted
-from dore.planners.straight_line import StraightLine
-from tests.commands import run
+from tests.commands import ctrl_c_at_plan, run
 
 
 def test_names_of_jobs():
@@ -51,19 +50,10 @@ def test_other_commands_skip_what_is_done(tmp_path, monkeypatch, capsys):
     assert "same is the folder of" in capsys.readouterr().err
 
 
-def test_a_stopped_evaluation_of_a_sweep_is_resumed(tmp_path, monkeypatch, capsys):
+def test_a_stopped_evaluation_of_a_sweep_is_resumed(tmp_path):
     world = ["layout=3x6", "reach=wide_hand", "instances=z3-5", "limit=10", "planner=straight_line"]
     arguments = ["-m", *world, "planners.straight_line.max_moves=20,30", f"hydra.sweep.dir={tmp_path}"]
-    plan, calls = StraightLine.plan, []
-
-    def stopped(self, batch):
-        calls.append(batch)
-        if len(calls) == 5:
-            raise KeyboardInterrupt
-        return plan(self, batch)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(StraightLine, "plan", stopped)
+    with ctrl_c_at_plan(5) as calls:
         assert run("evaluate", arguments) == 130
     assert len(calls) == 5, "no further job is started"
     (partial,) = tmp_path.glob("*/rows.part.csv")

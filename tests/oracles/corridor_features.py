@@ -6,11 +6,10 @@ B denotes the batch, L the target corridors that are examined, G the cells, W th
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import torch
 from torch import Tensor
 
+from dore.learn.corridor_features import Costs
 from dore.world import board as boards
 from dore.world.reach import Reach
 
@@ -21,22 +20,6 @@ NEVER = 50
 LEVELS = 5
 """Planes of a one-hot cost, one for each whole number; the last stands for more, too."""
 N_PLANES = 4 * LEVELS + 2
-
-
-class Costs(NamedTuple):
-    """Estimated moves to the target from two levels of corridors: what blocks a corridor of the target, and what
-    blocks the hand from that.
-
-    now: Int64[B]. changed: Int8[B, G], if the cell were changed: its obstacle removed, or a new one there. It assumes
-        today's corridors and today's accessibility, so it is sometimes wrong, mostly too low.
-    blocking: Int8[B, G], obstacles on the target's best corridor, if the cell were changed.
-    depth: Int8[B, G], obstacles on a cell's own best corridor, the target being one.
-    """
-
-    now: Tensor
-    changed: Tensor
-    blocking: Tensor
-    depth: Tensor
 
 
 def corridor_planes(reach: Reach, board: Tensor, target: Tensor) -> Tensor:
