@@ -33,7 +33,7 @@ venv: $(VENV)/.installed
 # The stamp comes last, so that an interrupted installation is repeated.
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable ".[sim,dev]"
+	$(BIN)/python -m pip install --quiet --editable ".[sim,jaco,dev]"
 	touch $@
 
 clean:

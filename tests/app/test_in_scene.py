@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shutil
@@ -78,6 +79,15 @@ def test_two_workers_make_the_same_rows(folder, tmp_path):
     pd.testing.assert_frame_equal(one[same], two[same])
 
 
+@pytest.mark.skipif(not importlib.util.find_spec("dm_control"), reason="no extra [jaco]: no meshes")
+def test_the_jaco_with_kinovas_meshes_is_evaluated_like_the_others(tmp_path):
+    jaco, out = ("arm=jaco", "objects=cans", "planner=exact", "instances=z3-5", "limit=1"), tmp_path / "jaco"
+    assert run("evaluate", [*jaco, f"run_dir={out}"]) == 0
+    (row,) = read_rows(out / "rows.csv").itertuples()
+    assert (row.success, row.refused, row.outcome) == (True, False, "done")
+    assert yaml.safe_load((out / "config.yaml").read_text())["reach"]["clearance_m"] == 0.141
+
+
 def test_what_goes_wrong_in_an_open_loop_is_no_success(tmp_path):
     out = tmp_path / "slip"
     assert run("evaluate", [*SLIM[:1], "planner=exact", SLIM[2], "limit=1", "disturbance=slip", f"run_dir={out}"]) == 0
@@ -110,7 +120,7 @@ def test_a_closed_loop_recovers_and_says_what_disturbed_it(tmp_path):
         (["arm=panda_slim", "workers=0"], "workers: got 0, want a whole number of 1 or more"),
         (["arm=panda_slim", "seed=-1"], "seed: got -1"),
         (["arm=panda_slim", "layout=8x8"], "layout: cells 25, 26"),
-        (["arm=jaco"], "arm.urdf: not given"),
+        (["arm=jaco", "arm.urdf=gone"], "arm.urdf: gone: No such file"),
     ],
 )
 def test_bad_input_is_one_line(overrides, message, tmp_path, capsys):

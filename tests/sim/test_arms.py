@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,17 +47,23 @@ def urdf(tmp_path_factory) -> str:
     return str(path)
 
 
+KINOVA = pytest.param(
+    "jaco", marks=pytest.mark.skipif(not importlib.util.find_spec("dm_control"), reason="no extra [jaco]: no meshes")
+)
+
+
 @pytest.fixture(scope="module")
-def places(urdf) -> dict[str, Place]:
+def places() -> dict[str, Place]:
     mixed, cans = preset("objects/mixed"), preset("objects/cans")
     return {
         "panda_slim": Place(preset("arm/panda_slim"), mixed, Layout.grid(3, 6, 0.12, 0.50)),
         "panda": Place(preset("arm/panda"), mixed, Layout.grid(3, 4, 0.16, 0.40)),
-        "jaco": Place(preset("arm/jaco", urdf=urdf), cans, Layout.grid(3, 6, 0.12, 0.45)),
+        "jaco": Place(preset("arm/jaco"), cans, Layout.grid(3, 6, 0.12, 0.45)),
     }
 
 
 ARMS = sorted(path.stem for path in (Path(conf_dir()) / "arm").glob("*.yaml"))
+ARMS = [KINOVA if name == "jaco" else name for name in ARMS]
 
 
 @pytest.fixture(params=ARMS)
@@ -115,7 +122,7 @@ def test_a_short_plan_is_carried_out(name, places, tmp_path):
     for move in report.moves:
         assert move.others_moved_mm < 1.0
         assert move.tilt_deg < 8.0  # a can hangs a little askew between three fingers
-        assert (move.placement_error_mm or 0.0) < 8.0
+        assert (move.placement_error_mm or 0.0) < 10.0
 
 
 @pytest.mark.slow
@@ -144,13 +151,12 @@ def test_the_gripper_opens_at_1_and_closes_at_minus_1(place):
     env.close()
 
 
-def test_only_an_arm_whose_description_is_given_is_made(urdf, tmp_path):
+def test_only_an_arm_whose_description_is_there_is_made(urdf, tmp_path, monkeypatch):
     other, torn, list_of = (tmp_path / name for name in ("other.urdf", "torn.urdf", "list.urdf"))
     other.write_text(arm_files(visuals=False).read_text())
     torn.write_text(jaco_urdf()[:500])
     list_of.write_text("<robots/>")
     wrong = {
-        None: "not given, want the path",
         str(tmp_path / "none.urdf"): "No such file",
         str(tmp_path): "Is a directory",
         str(torn): "no XML",
@@ -164,7 +170,10 @@ def test_only_an_arm_whose_description_is_given_is_made(urdf, tmp_path):
         message = str(caught.value)
         assert message.startswith("arm.urdf: ")
         assert "\n" not in message
-        assert (path or "") in message
+        assert path in message
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"^arm=jaco: .* pip install '\.\[jaco\]'; .*"):
+        arm_files(visuals=False, arm=preset("arm/jaco"))
     with pytest.raises(InputError, match=r"arm\.urdf: .* want null"):
         arm_files(visuals=False, arm=replace(preset("arm/panda"), urdf=urdf))
 
