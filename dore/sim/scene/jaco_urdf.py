@@ -46,20 +46,20 @@ def jaco_urdf(shape: Callable[[str], str]) -> str:
     parts = [f'<robot name="{NAME}">', '<link name="root"/>', _fixed("joint_base", "root", "link_base", "0 0 0", 0.0)]
     parts += [_link(f"link_{name}", shape(name), name) for name in ("base", *(joint[0] for joint in _JOINTS))]
     parent = "link_base"
-    for number, kind, xyz, rpy, lower, upper, speed in _JOINTS:
+    for name, kind, xyz, rpy, lower, upper, speed in _JOINTS:
         bounds = "" if lower is None else f'lower="{lower}" upper="{upper}" '
         limit = f'<limit {bounds}effort="40" velocity="{math.radians(speed)}"/>'
-        parts.append(_joint(f"joint_{number}", kind, parent, f"link_{number}", xyz, rpy, limit))
-        parent = f"link_{number}"
+        parts.append(_joint(f"joint_{name}", kind, parent, f"link_{name}", xyz, rpy, limit))
+        parent = f"link_{name}"
     parts += [f'<link name="{NAME}_end_effector"/>']
     parts += [_fixed("end_effector_offset", "link_6", "end_effector", "0 0 -0.1600", _PI)]
     for number, (xyz, yaw) in enumerate(_FINGERS, 1):
         finger, tip = f"link_finger_{number}", f"link_finger_tip_{number}"
         parts += [_link(finger, shape("finger"), "finger"), _link(tip, shape("finger_tip"), "finger")]
-        rpy, limit = (-1.570796327, 0.649262481663582, yaw), '<limit lower="0" upper="{}" effort="2" velocity="1"/>'
-        parts.append(_joint(f"joint_finger_{number}", "revolute", "link_6", finger, xyz, rpy, limit.format(1.51)))
+        turned, bent = (-1.570796327, 0.649262481663582, yaw), '<limit lower="0" upper="{}" effort="2" velocity="1"/>'
+        parts.append(_joint(f"joint_finger_{number}", "revolute", "link_6", finger, xyz, turned, bent.format(1.51)))
         name = f"joint_finger_tip_{number}"
-        parts.append(_joint(name, "revolute", finger, tip, "0.044 -0.003 0", (0, 0, 0), limit.format(2)))
+        parts.append(_joint(name, "revolute", finger, tip, "0.044 -0.003 0", (0, 0, 0), bent.format(2)))
     return "\n".join([*parts, "</robot>", ""])
 
 
@@ -72,7 +72,7 @@ def _link(name: str, shape: str, inertial: str) -> str:
     )
 
 
-def _joint(name: str, kind: str, parent: str, child: str, xyz: str, rpy: tuple[float, float, float], limit: str) -> str:
+def _joint(name: str, kind: str, parent: str, child: str, xyz: str, rpy: tuple[float, ...], limit: str) -> str:
     turned = " ".join(map(str, rpy))
     return (
         f'<joint name="{NAME}_{name}" type="{kind}"><parent link="{NAME}_{parent}"/>'
