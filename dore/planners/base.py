@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
-import torch
+import numpy as np
 
-from dore.world.board import bit
 from dore.world.instances import problems_of
 from dore.world.plan import Move, Plan, PlanError, Status, replay
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import lift
+from dore.world.replayed import Moves, Replayed, replayed
 
 EXHAUSTED = "all {} boards that can be reached are exhausted"
 """The reason of a plan where a search proves that there is no solution."""
@@ -48,7 +47,7 @@ class Planner(ABC):
     group: int | None = None
     """The most instances that `raw_plans` gets at once; None: any number."""
 
-    def plan(self, batch: Batch) -> list[Plan]:
+    def plan(self, batch: Batch) -> Sequence[Plan]:
         """One plan an instance, each of them replayed; no moves where the target is accessible already.
 
         Args:
@@ -57,10 +56,7 @@ class Planner(ABC):
         Raises:
             PlanError: a plan does not replay, which is a fault of the planner.
         """
-        n = len(batch.target)
-        size = self.group or max(1, n)
-        parts = [Batch(*(field[first : first + size] for field in batch)) for first in range(0, n, size)]
-        raw_plans = [raw_plan for part in parts for raw_plan in self.raw_plans(part)]
+        raw_plans = [raw_plan for part in parts_of(batch, self.group) for raw_plan in self.raw_plans(part)]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
     @abstractmethod
@@ -68,11 +64,15 @@ class Planner(ABC):
         """What is found for each instance of a batch, before anything is checked."""
 
 
-def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], planner: str) -> list[Plan]:
-    """Give each move its approach directions and replay each plan.
+def parts_of(batch: Batch, size: int | None) -> list[Batch]:
+    """A batch in parts of so many instances; None: in one."""
+    n = len(batch.target)
+    size = size or max(1, n)
+    return [Batch(*(field[first : first + size] for field in batch)) for first in range(0, n, size)]
 
-    A direction is the free sector nearest 0 degrees: for a pick with the obstacle itself off the board and the
-    target standing, for a place after the lift, for the target with every obstacle standing.
+
+def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], planner: str) -> list[Plan]:
+    """Give each move its approach directions, those of `dore.world.replayed`, and replay each plan.
 
     Args:
         start: boards Int64[B, W] and targets Int64[B]; raw_plans: one an instance.
@@ -81,40 +81,40 @@ def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], plan
     Raises:
         PlanError: a raw_plan breaks a rule; names the planner, the instance's place in the batch, the move and why.
     """
-    directions, retrieve = _directions(reach, start, raw_plans)
-    plans = []
-    for row, (raw_plan, problem) in enumerate(zip(raw_plans, problems_of(reach, start), strict=True)):
-        moves = tuple(Move(*move, *degrees) for move, degrees in zip(raw_plan.moves, directions[row], strict=True))
-        # From the seconds on, both have the same fields.
-        plan = Plan(raw_plan.status, moves, retrieve[row], planner, *raw_plan[2:])
-        try:
-            replay(problem, plan)
-        except PlanError as error:
-            raise PlanError(f"{planner}, instance {row + 1}: {error}") from None
-        plans.append(plan)
+    n_moves = np.array([len(raw_plan.moves) for raw_plan in raw_plans], np.int64)
+    cells = np.zeros((len(raw_plans), 2 * int(n_moves.max(initial=0))), np.int32)
+    for row, raw_plan in enumerate(raw_plans):
+        if raw_plan.moves:
+            # A cell off the board is off the board as 32 bits, too.
+            cells[row, : 2 * len(raw_plan.moves)] = np.clip(np.array(raw_plan.moves).ravel(), -1, reach.n_cells)
+    solved = np.array([raw_plan.status is Status.SOLVED for raw_plan in raw_plans], np.bool_)
+    right = replayed(reach, start, Moves(cells, n_moves, solved))
+    plans = [plan_of(raw_plan, right, row, planner) for row, raw_plan in enumerate(raw_plans[: right.n_right + 1])]
+    if right.n_right < len(plans):
+        refuse(reach, start, right.n_right, plans[-1])
     return plans
 
 
-def _directions(
-    reach: Reach, start: Batch, raw_plans: Sequence[RawPlan]
-) -> tuple[list[list[tuple[float, float]]], list[float | None]]:
-    """Each move's (pick, place) directions and the target's, degrees; step by step, all rows at once.
+def plan_of(raw_plan: RawPlan, right: Replayed, row: int, planner: str) -> Plan:
+    """A raw plan with the directions of its row; where the replay found none, they are nan."""
+    directions = right.directions(row, len(raw_plan.moves))
+    pairs = zip(raw_plan.moves, directions[::2], directions[1::2], strict=False)
+    moves = tuple(Move(*move, pick, place) for move, pick, place in pairs)
+    target = directions[-1] if raw_plan.status is Status.SOLVED else None
+    # From the seconds on, both have the same fields.
+    return Plan(raw_plan.status, moves, target, planner, *raw_plan[2:])
 
-    Where a cell is not accessible the direction is nan, which no replay accepts; None: the plan is no solution.
+
+def refuse(reach: Reach, start: Batch, row: int, plan: Plan) -> NoReturn:
+    """Say what is wrong with the plan of a row, in the words of the replay from the geometry.
+
+    Raises:
+        PlanError: always.
     """
-    board, words = start.board.clone(), start.board.shape[-1]
-    target = bit(start.target, words)
-    directions: list[list[tuple[float, float]]] = [[] for _ in raw_plans]
-    for step in range(max((len(raw_plan.moves) for raw_plan in raw_plans), default=0)):
-        rows = [row for row, raw_plan in enumerate(raw_plans) if len(raw_plan.moves) > step]
-        moves = torch.tensor([raw_plans[row].moves[step] for row in rows], device=board.device)
-        lifted = lift(board[rows], moves[:, 0])
-        # The replay names a cell that is off the board.
-        pick, place = moves.clamp(0, reach.n_cells - 1).unbind(-1)
-        degrees = [reach.direction_deg(lifted | target[rows], cell).tolist() for cell in (pick, place)]
-        for row, pair in zip(rows, zip(*degrees, strict=True), strict=True):
-            directions[row].append(pair)
-        board[rows] = lifted | bit(moves[:, 1], words)
-    retrieve = reach.direction_deg(board, start.target).tolist()
-    solved = (raw_plan.status is Status.SOLVED for raw_plan in raw_plans)
-    return directions, [degrees if one else None for degrees, one in zip(retrieve, solved, strict=True)]
+    alone = Batch(*(field[row : row + 1] for field in start))
+    (problem,) = problems_of(reach, alone)
+    try:
+        replay(problem, plan)
+    except PlanError as error:
+        raise PlanError(f"{plan.planner}, instance {row + 1}: {error}") from None
+    raise PlanError(f"{plan.planner}, instance {row + 1}: the corridors' table refuses what their geometry accepts")

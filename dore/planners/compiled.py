@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from typing import overload
 
 import numpy as np
 
-from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan
+from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan, parts_of, plan_of, refuse
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
 from dore.world.kernels.slices import Limits
 from dore.world.kernels.tables import unsigned
-from dore.world.plan import Status
+from dore.world.plan import Plan, Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
+from dore.world.replayed import Moves, Replayed, replayed
 
 STATUS = {slices.SOLVED: Status.SOLVED, slices.UNSOLVABLE: Status.UNSOLVABLE, slices.LOCKED: Status.UNSOLVABLE}
 """Of the outcomes; of all others: gave up."""
@@ -46,26 +49,75 @@ class Compiled(Planner):
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """The plans of a batch; the wall time is shared out by the CPU time that each took."""
+        found, share = self._timed(batch)
+        return [raw_plan_of(found, row, share) for row in range(len(batch.target))]
+
+    def plan(self, batch: Batch) -> Sequence[Plan]:
+        """As of any planner; but each plan is made into a `Plan` only when it is asked for."""
+        plans = ReplayedPlans(self.name)
+        for part in parts_of(batch, self.group):
+            found, share = self._timed(part)
+            moves = Moves(found.moves, found.n_moves, found.outcome == slices.SOLVED)
+            right = replayed(self.reach, part, moves)
+            plans.add(found, share, right)
+            if right.n_right < len(part.target):
+                row = len(plans) - len(part.target) + right.n_right
+                refuse(self.reach, batch, row, plans[row])
+        return plans
+
+    def _timed(self, batch: Batch) -> tuple[slices.Found, float]:
+        """What is found, and the wall seconds for each CPU nanosecond."""
         began = time.perf_counter()
         found = self.find(batch)
-        share = (time.perf_counter() - began) / max(1, int(found.cpu_ns.sum()))
-        columns = (found.outcome, found.n_moves, found.expansions, found.seen, found.fewest, found.cpu_ns)
-        plans = []
-        lists = zip(*(column.tolist() for column in columns), strict=True)
-        for row, (outcome, n_moves, expansions, seen, fewest, ns) in enumerate(lists):
-            status, cells = STATUS.get(outcome, Status.GAVE_UP), found.moves[row, : 2 * n_moves].tolist()
-            plans.append(
-                RawPlan(
-                    moves=list(zip(cells[::2], cells[1::2], strict=True)),
-                    status=status,
-                    planning_s=share * ns,
-                    expansions=expansions,
-                    optimal_moves=n_moves if status is Status.SOLVED else None,
-                    reason=REASON[outcome].format(seen),
-                    lower_bound=fewest if status is Status.GAVE_UP else None,
-                )
-            )
-        return plans
+        return found, (time.perf_counter() - began) / max(1, int(found.cpu_ns.sum()))
+
+
+def raw_plan_of(found: slices.Found, row: int, share: float) -> RawPlan:
+    """What was found for an instance; share: wall seconds for each CPU nanosecond."""
+    outcome, n_moves, expansions, seen, fewest, ns = found.rows[row].tolist()
+    status, cells = STATUS.get(outcome, Status.GAVE_UP), found.moves[row, : 2 * n_moves].tolist()
+    return RawPlan(
+        moves=list(zip(cells[::2], cells[1::2], strict=True)),
+        status=status,
+        planning_s=share * ns,
+        expansions=expansions,
+        optimal_moves=n_moves if status is Status.SOLVED else None,
+        reason=REASON[outcome].format(seen),
+        lower_bound=fewest if status is Status.GAVE_UP else None,
+    )
+
+
+class ReplayedPlans(Sequence[Plan]):
+    """Plans that were replayed and are kept as arrays; each is made when it is asked for."""
+
+    def __init__(self, planner: str) -> None:
+        self._planner = planner
+        self._parts: list[tuple[slices.Found, float, Replayed]] = []
+        self._firsts = [0]
+
+    def add(self, found: slices.Found, share: float, right: Replayed) -> None:
+        """Append what was found and replayed together; of the moves, what was taken for longer plans is let go."""
+        moves = found.moves[:, : right.sectors.shape[1] - 1].copy()
+        self._parts.append((found._replace(moves=moves), share, right))
+        self._firsts.append(len(self) + len(moves))
+
+    def __len__(self) -> int:
+        return self._firsts[-1]
+
+    @overload
+    def __getitem__(self, index: int) -> Plan: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Plan]: ...
+
+    def __getitem__(self, index: int | slice) -> Plan | list[Plan]:
+        rows = range(len(self))[index]
+        if isinstance(rows, range):
+            return [self[row] for row in rows]
+        part = bisect_right(self._firsts, rows) - 1
+        found, share, right = self._parts[part]
+        row = rows - self._firsts[part]
+        return plan_of(raw_plan_of(found, row, share), right, row, self._planner)
 
 
 def glance(reach: Reach, batch: Batch) -> slices.Found:

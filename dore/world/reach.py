@@ -16,7 +16,8 @@ from torch import Tensor
 
 from dore.errors import InputError, number, whole
 from dore.world import board as boards
-from dore.world.kernels.tables import Table, table_of
+from dore.world.kernels.replay import Sectors
+from dore.world.kernels.tables import Table, table_of, unsigned
 from dore.world.layout import Layout
 
 MAX_SECTORS = 720
@@ -120,6 +121,17 @@ class Reach:
             InputError: the layout has more cells than the kernels hold.
         """
         return table_of(self.blocking_sets, self.allowed_sectors.any(-1), self.n_cells)
+
+    @cached_property
+    def histogram(self) -> Sectors:
+        """All sectors of each cell, as the compiled replay takes them."""
+        order = self.sectors_deg.abs().argsort(stable=True).cpu().numpy()
+        return Sectors(unsigned(self.blockers), self.allowed_sectors.cpu().numpy(), order)
+
+    @cached_property
+    def degrees(self) -> list[float]:
+        """Of each sector, counter-clockwise; and at the end, as of no sector, nan."""
+        return [*self.sectors_deg.tolist(), math.nan]
 
     def same_as(self, other: Reach) -> bool:
         """Whether both judge the same cells alike."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dore.world.kernels.bits import Board, bit, count, first, minus, rest, row, some, union
+from dore.world.kernels.bound import Ways
 from dore.world.kernels.compiling import entry, kernel
 from dore.world.kernels.rules import accessible, accessible_of
 from dore.world.kernels.slices import (
@@ -16,6 +17,7 @@ from dore.world.kernels.slices import (
     SOLVED,
     STARTED,
     UNSOLVABLE,
+    Fields,
     Work,
     begin_at_zero,
     resume,
@@ -29,7 +31,7 @@ from dore.world.kernels.tables import Table
 @kernel
 def begin(table: Table, board: Board, target: int, work: Work, store: Store) -> int:
     """Make the start board the first node, unless its target is accessible."""
-    begin_at_zero(work, store)
+    begin_at_zero(work, store, board)
     add(store, board, -1, 0, NOWHERE)
     return SOLVED if accessible(table, board, target) else RUNNING
 
@@ -75,11 +77,19 @@ def advance(table: Table, board: Board, target: int, work: Work, store: Store, b
 
 
 @entry
-def breadth_first(table: Table, boards: np.ndarray, targets: np.ndarray, work: Work, store: Store) -> int:
+def breadth_first(
+    table: Fields, boards: np.ndarray, targets: np.ndarray, work: Fields, ways: Fields, store: Fields
+) -> int:
     """Breadth-first search on uint64[B, W] boards and int64[B] targets, from `work.at[ROW]` on.
 
     Returns PAUSED when the slice ends, FULL when the store has to grow, RUNNING when all boards are done.
     """
+    return run_on(Table(*table), boards, targets, Work(*(*work, Ways(*ways))), Store(*store))
+
+
+@kernel
+def run_on(table: Table, boards: np.ndarray, targets: np.ndarray, work: Work, store: Store) -> int:
+    """`breadth_first`, with names."""
     began, slice_ends, outcome = resume(work, store, table.full)
     while outcome == RUNNING and work.at[ROW] < len(boards):
         board, target = row(boards[work.at[ROW]], table.full), targets[work.at[ROW]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dore.world.kernels.bits import Board, bit, both, count, first, minus, nothing, rest, row, some, union
-from dore.world.kernels.bound import NEVER, may_open
+from dore.world.kernels.bound import NEVER, Ways, may_open
 from dore.world.kernels.compiling import entry, kernel
 from dore.world.kernels.rules import accessible, accessible_of, peeled
 from dore.world.kernels.slices import (
@@ -21,6 +21,7 @@ from dore.world.kernels.slices import (
     STARTED,
     TOO_LONG,
     UNSOLVABLE,
+    Fields,
     Work,
     begin_at_zero,
     resume,
@@ -51,7 +52,7 @@ MAX_TRIED = 100_000
 def begin(table: Table, board: Board, target: int, work: Work, store: Store) -> int:
     """Put the start board in line, unless nothing needs to be searched."""
     at = work.at
-    begin_at_zero(work, store)
+    begin_at_zero(work, store, board)
     if accessible(table, board, target):
         return SOLVED
     if not accessible(table, peeled(table, board, bit(target, board), board), target):
@@ -182,11 +183,17 @@ def advance(table: Table, board: Board, target: int, work: Work, store: Store, b
 
 
 @entry
-def search(table: Table, boards: np.ndarray, targets: np.ndarray, work: Work, store: Store) -> int:
+def search(table: Fields, boards: np.ndarray, targets: np.ndarray, work: Fields, ways: Fields, store: Fields) -> int:
     """A* on uint64[B, W] boards and int64[B] targets, from `work.at[ROW]` on.
 
     Returns PAUSED when the slice ends, FULL when the store has to grow, RUNNING when all boards are done.
     """
+    return run_on(Table(*table), boards, targets, Work(*(*work, Ways(*ways))), Store(*store))
+
+
+@kernel
+def run_on(table: Table, boards: np.ndarray, targets: np.ndarray, work: Work, store: Store) -> int:
+    """`search`, with names."""
     began, slice_ends, outcome = resume(work, store, table.full)
     while outcome == RUNNING and work.at[ROW] < len(boards):
         board, target = row(boards[work.at[ROW]], table.full), targets[work.at[ROW]]

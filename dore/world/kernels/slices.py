@@ -5,9 +5,10 @@ A kernel returns to Python every `SLICE_NS`, so that Ctrl-C is heard, and where 
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from dore.world.kernels.store import (
     new_store,
 )
 from dore.world.kernels.tables import Table
+
+Fields = tuple[Any, ...]
+"""Those of a `Table`, `Work`, `Ways` or `Store`, as a plain tuple: named ones would take numba 5 us more to pass."""
 
 SLICE_NS = 50_000_000
 TICK = 2000
@@ -69,12 +73,12 @@ class Work(NamedTuple):
 
 
 @kernel
-def begin_at_zero(work: Work, store: Store) -> None:
-    """Forget the board before, and look at the clock at the first expansion."""
+def begin_at_zero(work: Work, store: Store, like: Board) -> None:
+    """Forget the board before. The clock is looked at after a while, or with little time at the first expansion."""
     at = work.at
     at[BOUND] = at[EXCESS] = at[BUDGET] = at[EXPANSIONS] = 0
-    at[STARTED], at[NEXT_LOOK] = 1, work.ways.effort[0]
-    clear(store)
+    at[STARTED], at[NEXT_LOOK] = 1, work.ways.effort[0] + (TICK if work.limits[MAX_NS] > SLICE_NS else 0)
+    clear(store, like)
 
 
 @kernel
@@ -141,26 +145,51 @@ class Limits(NamedTuple):
 class Found(NamedTuple):
     """What a search found for B boards.
 
-    outcome: how it ended, one of those above. moves: int32[B, 2 * MOST_MOVES], the plans, (pick, place) in turn.
-    n_moves: how many, of each. expansions: boards expanded. seen: boards seen. fewest: no plan has fewer moves.
-    cpu_ns: CPU nanoseconds. All int64[B] but the moves.
+    rows: int64[B, 6], as in `Work.found`. moves: int32[B, 2 * MOST_MOVES], the plans, (pick, place) in turn.
     """
 
-    outcome: np.ndarray
-    n_moves: np.ndarray
-    expansions: np.ndarray
-    seen: np.ndarray
-    fewest: np.ndarray
-    cpu_ns: np.ndarray
+    rows: np.ndarray
     moves: np.ndarray
+
+    @property
+    def outcome(self) -> np.ndarray:
+        """How each ended, one of those above."""
+        return self.rows[:, STATUS]
+
+    @property
+    def n_moves(self) -> np.ndarray:
+        """How many moves each plan has."""
+        return self.rows[:, N_MOVES]
+
+    @property
+    def fewest(self) -> np.ndarray:
+        """No plan has fewer moves."""
+        return self.rows[:, FEWEST]
+
+    @property
+    def cpu_ns(self) -> np.ndarray:
+        """CPU nanoseconds."""
+        return self.rows[:, CPU_NS]
+
+
+_kept = threading.local()
+"""This thread's room from the call before: to take it anew would be longer than most searches."""
+
+
+def first_room(nodes: int, words: int) -> tuple[Ways, Store]:
+    """Room for ways, and for so many nodes, which may hold what the search before has left."""
+    if getattr(_kept, "size", None) != (nodes, words):
+        _kept.size, _kept.room = (nodes, words), (new_ways(words), new_store(nodes, words))
+    room: tuple[Ways, Store] = _kept.room
+    return room
 
 
 def run(kernel: Callable[..., int], table: Table, boards: np.ndarray, targets: np.ndarray, limits: Limits) -> Found:
     """Search uint64[B, W] boards with int64[B] targets, slice by slice."""
-    words, n_obstacles = boards.shape[1], np.bitwise_count(boards).sum(1, dtype=np.int64)
-    n_cells = len(table.n_corridors)
+    n_cells, words = len(table.n_corridors), boards.shape[1]
     most_room = int(min(max(1, limits.megabytes * 2**20 / bytes_a_node(words)), MOST_ROOM))
-    first_room = min(most_room, FIRST_ROOM + int((n_obstacles * (n_cells - n_obstacles)).max(initial=0)))
+    nodes = min(most_room, FIRST_ROOM + n_cells * n_cells // 4)
+    ways, store = first_room(nodes, words)
     work = Work(
         np.zeros(8, np.int64),
         np.array([limits.seconds * 1e9, min(limits.nodes, 2**62), most_room], np.int64),
@@ -168,10 +197,10 @@ def run(kernel: Callable[..., int], table: Table, boards: np.ndarray, targets: n
         np.empty((len(boards), 2 * MOST_MOVES), np.int32),
         np.empty(table.corridors.shape[1], np.int64),
         np.zeros(2, np.int64),
-        new_ways(words),
+        ways,
     )
-    store = new_store(first_room, words)
-    while (outcome := kernel(table, boards, targets, work, store)) != RUNNING:
+    given = (tuple(table), boards, targets, work[:-1], tuple(work.ways))
+    while (outcome := kernel(*given, tuple(store))) != RUNNING:
         if outcome == FULL:
             began = time.thread_time_ns()
             try:
@@ -179,7 +208,6 @@ def run(kernel: Callable[..., int], table: Table, boards: np.ndarray, targets: n
             except MemoryError:
                 work.limits[MAX_ROOM] = 0
             work.at[SPENT_NS] += time.thread_time_ns() - began
-        elif work.at[STARTED] == 0 and len(store.board) > first_room:
-            store = new_store(first_room, words)  # A hard board's is long to clear.
-    outcome, n_moves, expansions, seen, fewest, cpu_ns = work.found.T
-    return Found(outcome, n_moves, expansions, seen, fewest, cpu_ns, work.moves)
+        elif work.at[STARTED] == 0:
+            ways, store = first_room(nodes, words)  # A hard board's is long to clear.
+    return Found(work.found, work.moves)

@@ -77,14 +77,29 @@ def grown(old: Store, room: int) -> Store:
 
     slot = np.zeros(n_slots(room), np.int32)
     board, about, line = more(old.board, room), more(old.about, room), more(old.line, 2 * room)
-    old.size[UNHASHED] = old.size[NODES]
-    return Store(board, about, slot, line, old.head, old.size)
+    size = old.size.copy()
+    size[UNHASHED] = size[NODES]
+    return Store(board, about, slot, line, old.head.copy(), size)
 
 
 @kernel
-def clear(store: Store) -> None:
-    """Forget all boards."""
-    store.slot[:] = 0
+def home(store: Store, board: Board) -> int:
+    """The slot where the search for a board begins."""
+    return int(np.int64(hashed(board) >> Word(20))) & (len(store.slot) - 1)
+
+
+@kernel
+def clear(store: Store, like: Board) -> None:
+    """Forget all boards; like: any board."""
+    n_nodes, n_slots = store.size[NODES], len(store.slot)
+    if n_nodes > n_slots >> 6:
+        store.slot[:] = 0
+        n_nodes = 0
+    for node in range(n_nodes):  # Each lies in the row of taken slots that begins here.
+        slot = home(store, row(store.board[node], like))
+        while store.slot[slot] != 0:
+            store.slot[slot] = 0
+            slot = (slot + 1) & (n_slots - 1)
     store.head[:] = -1
     store.size[:] = 0
     store.size[UNUSED] = -1
@@ -93,8 +108,7 @@ def clear(store: Store) -> None:
 @kernel
 def slot_of(store: Store, board: Board) -> int:
     """The slot that holds a board, or the free one where it belongs."""
-    mask = len(store.slot) - 1
-    slot = int(np.int64(hashed(board) >> Word(20))) & mask
+    mask, slot = len(store.slot) - 1, home(store, board)
     while store.slot[slot] != 0 and not same(store.board[store.slot[slot] - 1], board):
         slot = (slot + 1) & mask
     return slot
