@@ -35,6 +35,9 @@ def _log_row(logger: Logger, row: Mapping[str, Any]) -> None:
             logger.log_scalar(f"train/{name}", float(value), step=int(row["env_steps"]))
 
 
+BAR = "{l_bar}{bar}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}{postfix}]"
+
+
 class Session:
     """Runs a trainer in a run folder.
 
@@ -65,7 +68,8 @@ class Session:
             if getattr(logger, "starts_over", False):
                 for row in self.metrics.kept:
                     _log_row(logger, row)
-        self.bar = ProgressBar(total=trainer.budget.max_episodes, initial=progress.episodes, unit="ep", smoothing=0.05)
+        done, total, unit = trainer.way_to_end()
+        self.bar = ProgressBar(initial=done, total=total, unit=unit, bar_format=BAR)
         self._stop = False
         self._saved_at = time.perf_counter()
 
@@ -120,7 +124,7 @@ class Session:
         os._exit(128 + signal.SIGINT)
 
     def _report(self, progress: Progress, tested: TestResult | None) -> None:
-        self.bar.n = progress.episodes
+        self.bar.n, self.bar.total, self.bar.unit = self.trainer.way_to_end()
         if progress.filled and not progress.env_steps:
             self._show(f"filling the replay: {progress.filled:,} of {self.trainer.to_fill:,} transitions")
         if tested is not None:
@@ -178,11 +182,12 @@ class Session:
         self.metrics.write(row)
         for logger in self.loggers.values():
             _log_row(logger, row)
-        success = "-" if progress.success is None else f"{100 * progress.success:.1f}%"
+        success = "-" if progress.success is None else f"{100 * progress.success:.1f}"
+        done, total, unit = self.trainer.way_to_end()
         self._show(
-            f"success {success}, eps {progress.epsilon:.2f}, loss {progress.loss:.3g}, "
-            f"{row['env_steps_per_s']:,.0f} steps/s",
-            before=f"{progress.episodes} episodes in {progress.seconds:.0f} s: ",
+            f"success {success} of {100 * self.trainer.target_success:g}%, eps {progress.epsilon:.2f}, "
+            f"loss {progress.loss:.3g}, {row['env_steps_per_s']:,.0f} steps/s",
+            before=f"{done:,g} of {total:,g} {unit} in {progress.seconds:.0f} s: ",
         )
 
     def _save_checkpoint(self) -> None:

@@ -5,6 +5,8 @@ K denotes the points at which updates are made, n the transitions drawn at each.
 
 from __future__ import annotations
 
+import io
+import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -75,8 +77,8 @@ def _cursor(buffer: ReplayBuffer) -> int:
 
 
 def tensors_of(rows: TensorDictBase) -> dict[str, Tensor]:
-    """The leaves of a TensorDict by name, as a checkpoint keeps them."""
-    return dict(rows.flatten_keys(".").items())
+    """The leaves of a TensorDict by name, as a checkpoint keeps them: torch saves all that a view is of."""
+    return dict(rows.flatten_keys(".").clone().items())
 
 
 def rows_of(tensors: dict[str, Tensor], batch_dims: int = 1) -> TensorDict:
@@ -89,12 +91,28 @@ def buffer_state(buffer: ReplayBuffer) -> dict[str, Any]:
     """The transitions a buffer holds, and where it writes next; its own state holds its empty places too."""
     if not len(buffer):
         return {"rows": {}, "writer": {}}
-    return {"rows": tensors_of(buffer[:]), "writer": buffer.writer.state_dict()}
+    return {"rows": _packed(tensors_of(buffer[:])), "writer": buffer.writer.state_dict()}
 
 
 def load_buffer(buffer: ReplayBuffer, state: dict[str, Any]) -> None:
     """Fill an empty buffer as the one whose `buffer_state` this is."""
-    if not state["rows"]:
+    rows = state["rows"]
+    if not len(rows):
         return
-    buffer.extend(rows_of(state["rows"]))
+    # Those of version 0.1 are not packed.
+    buffer.extend(rows_of(rows if isinstance(rows, dict) else _unpacked(rows)))
     buffer.writer.load_state_dict(state["writer"])
+
+
+def _packed(tensors: dict[str, Tensor]) -> Tensor:
+    """Uint8[n]: tensors by name, compressed: boards have more bits than a layout has cells, and rewards few values."""
+    data = io.BytesIO()
+    torch.save(tensors, data)
+    return torch.frombuffer(bytearray(zlib.compress(data.getbuffer(), 1)), dtype=torch.uint8)
+
+
+def _unpacked(data: Tensor) -> dict[str, Tensor]:
+    """The tensors whose `_packed` this is, on the CPU."""
+    raw = io.BytesIO(zlib.decompress(data.numpy().tobytes()))
+    tensors: dict[str, Tensor] = torch.load(raw, map_location="cpu", weights_only=True)
+    return tensors

@@ -136,10 +136,27 @@ class Trainer:
 
     def _share_spent(self) -> float:
         """The share of the episodes or of the minutes that is used up, whichever is more, at most 1."""
+        return min(1.0, max(self._shares_spent()))
+
+    def _shares_spent(self) -> list[float]:
+        """The share of the episodes, and that of the minutes where they are limited."""
         shares = [self.progress.episodes / self.budget.max_episodes]
         if self.budget.max_minutes is not None:
             shares.append(self.progress.seconds / (60 * self.budget.max_minutes))
-        return min(1.0, max(shares))
+        return shares
+
+    def way_to_end(self) -> tuple[float, float, str]:
+        """How far the run is on the way to what can end it next, how far that is, and in which unit.
+
+        That is the end of its minutes if it has limited ones, else the next IPT that it can pass, or its last episode.
+        """
+        progress, budget = self.progress, self.budget
+        shares = self._shares_spent()
+        if len(shares) == 2 and shares[1] >= shares[0]:
+            minutes = float(budget.max_minutes or 0.0)
+            return min(round(progress.seconds / 60, 2), minutes), minutes, "min"
+        tests = max(progress.episodes // self.test_every + 1, math.ceil(budget.min_episodes / self.test_every))
+        return progress.episodes, min(tests * self.test_every, budget.max_episodes), "ep"
 
     def _next_stop(self) -> int:
         """The number of episodes at which the next IPT is due, or at which the budget is spent."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,9 +12,12 @@ import time
 from itertools import pairwise
 
 import pytest
+import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from dore.learn.checkpoint import ipt_of, load_checkpoint, load_model
+from dore.app.run_folder import CHECKPOINT
+from dore.learn import replay
+from dore.learn.checkpoint import ipt_of, load_checkpoint, load_model, save_checkpoint
 from dore.learn.evaluator import TestResult
 from dore.learn.trainer import Trainer
 from tests.commands import TINY, run
@@ -41,6 +45,29 @@ def test_interrupt_and_resume_equals_uninterrupted(tmp_path, options):
     assert same(whole, parts)
     assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")
     assert same(load_model(tmp_path / "whole"), load_model(tmp_path / "parts"))
+
+
+def test_a_checkpoint_holds_the_transitions_there_are_and_older_ones_load(tmp_path):
+    folder, old = tmp_path / "run", tmp_path / "old"
+    assert run("train", [*TINY, "buffer.storage.max_size=100000", "training.max_episodes=70", f"run_dir={folder}"]) == 0
+    shutil.copytree(folder, old)
+    state = load_checkpoint(folder / CHECKPOINT)
+    weights = sum(one.nbytes for one in leaves_of(state["learner"]))
+    assert (folder / CHECKPOINT).stat().st_size - weights < 200_000  # With its empty places the replay takes 2.4 MB.
+    buffer = state["worlds"]["main"]["buffer"]
+    buffer["rows"] = replay._unpacked(buffer["rows"])
+    save_checkpoint(old / CHECKPOINT, state)
+    for one in (folder, old):
+        assert run("train", [f"resume={one}", "training.max_episodes=100"]) == 0
+    assert same(load_checkpoint(folder / CHECKPOINT), load_checkpoint(old / CHECKPOINT))
+
+
+def leaves_of(state: object) -> list[torch.Tensor]:
+    """The tensors in a state."""
+    if isinstance(state, torch.Tensor):
+        return [state]
+    parts = state.values() if isinstance(state, dict) else state if isinstance(state, list | tuple) else ()
+    return [leaf for part in parts for leaf in leaves_of(part)]
 
 
 def test_resume_keeps_its_settings_and_spends_no_more(tmp_path, capsys):

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 
+import hydra
 import pytest
 import torch
+from hydra.core.global_hydra import GlobalHydra
 
 from dore.app import session
+from dore.app.training import trainer_of
 from dore.errors import InputError
+from dore.files import conf_dir
 from dore.learn.budget import Budget, LinearEpsilon
 from dore.learn.checkpoint import load_checkpoint, load_model
 from dore.learn.learner import Learner
@@ -51,6 +55,25 @@ def test_it_learns_and_stops_when_the_ipt_passes(tmp_path):
     assert done["success"] >= 0.9
     rows = [row for row in metrics(tmp_path / "run") if row["success"]]
     assert float(rows[0]["success"]) < 0.9, "the first test must not pass, or this shows nothing"
+
+
+@pytest.mark.parametrize(
+    ("budget", "way"),
+    [
+        ("training.max_episodes=100000", (2122, 5000, "ep")),  # to the next test
+        ("training.max_episodes=3000", (2122, 3000, "ep")),
+        ("training.min_episodes=22000", (2122, 25000, "ep")),  # to the first test that can end it
+        ("training.max_minutes=4", (1.5, 4.0, "min")),
+        ("training.max_minutes=4000", (2122, 5000, "ep")),  # its episodes are spent long before
+    ],
+)
+def test_the_bar_runs_to_what_ends_the_run(budget, way):
+    GlobalHydra.instance().clear()
+    options = [*TINY, "training.max_episodes=100000", "ipt.every_episodes=5000", budget]
+    with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
+        trainer = trainer_of(hydra.compose("train", options))
+    trainer.progress.episodes, trainer.progress.seconds = 2122, 90.0
+    assert trainer.way_to_end() == way
 
 
 def test_a_run_leaves_its_files(tmp_path):
