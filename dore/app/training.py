@@ -111,13 +111,11 @@ def _on(agent: Agent, name: str, reach: Reach) -> Agent:
     Raises:
         InputError: its networks serve one layout only, or it learns from mirror images and the layout has none.
     """
-    on = getattr(agent, "on", None)
-    if on is None or not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
-        raise InputError("worlds: only agent=sequential network=cells serves several layouts; want these, or no worlds")
-    if getattr(agent, "symmetry", False) and reach.mirror is None:
+    if not agent.serves_every_layout:
+        raise InputError("worlds: this network serves one layout; want network=relations or cells, or no worlds")
+    if agent.symmetry and reach.mirror is None:
         raise InputError(f"worlds.{name}: its layout has no mirror image, want agent.symmetry=false")
-    moved: Agent = on(reach)
-    return moved
+    return agent.on(reach)
 
 
 def _trained_world(cfg: DictConfig, agent: Agent, reach: Reach, splits: InstanceSplits, budget: Budget) -> World:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -43,22 +42,22 @@ class Learner:
         for group, first in zip(self.optimizer.param_groups, self._first_rates, strict=True):
             group["lr"] = first * (1.0 - (1.0 - self.budget.lr_end) * spent)
 
-    def learn(self, sample: TensorDictBase, decode: Callable[[TensorDictBase], TensorDictBase]) -> list[Tensor]:
+    def learn(self, sample: TensorDictBase, agent: Agent) -> list[Tensor]:
         """One update for each batch of a sample; their losses.
 
-        decode: that of the agent on the reach of the world that the sample is from.
+        agent: the learner's, on the reach of the world that the sample is from.
         """
         size = self.budget.batch_size
         losses: list[Tensor] = []
         # Decoded many at once, which is costly in small batches, but in bounded parts.
         for rows in sample.split(max(1, DECODED_AT_ONCE // size) * size):
-            decoded, first = decode(rows), 0
+            decoded, first = agent.decode(rows), 0
             while first < len(decoded):
                 batches = decoded[first : first + size * self._updates_to_next_copy()]
                 if len(batches) > size:
                     with self._autocast():
-                        batches = self.agent.loss.with_targets(batches)
-                losses += [self.update(batch) for batch in batches.split(size)]
+                        batches = agent.loss.with_targets(batches)
+                losses += [self.update(batch, agent) for batch in batches.split(size)]
                 first += len(batches)
         return losses
 
@@ -73,10 +72,10 @@ class Learner:
         # TorchRL copies once every this-many-plus-one updates.
         return int(self.targets.value_network_update_interval - self.targets.counter) + 1
 
-    def update(self, batch: TensorDictBase) -> Tensor:
-        """One update from a decoded batch; its loss."""
+    def update(self, batch: TensorDictBase, agent: Agent) -> Tensor:
+        """One update from a batch that the agent has decoded; its loss."""
         with self._autocast():
-            loss = self.agent.loss(batch)
+            loss = agent.loss(batch)
         total: Tensor = loss["loss_pick"] + loss["loss_place"]
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()

@@ -1,7 +1,10 @@
 """Q-networks: planes over the cells in, one vector of Q-values a head out.
 
-B denotes the batch, C the planes, G the cells. A network is made by `factory(layout, n_planes, n_outputs)`,
+B denotes the batch, C the planes, G the cells. A network is made by `factory(reach, n_planes, n_outputs)`,
 so that one config serves every agent; Hydra supplies the factory (`_partial_: true`).
+
+A network whose weights do not depend on the layout has `serves_every_layout = True` and a method `on(reach)`, which
+returns it for another reach with the same parameters, itself where nothing in it depends on the reach.
 """
 
 from __future__ import annotations
@@ -15,16 +18,16 @@ import torch
 from torch import Tensor, nn
 
 from dore.errors import InputError, whole
-from dore.world.layout import Layout
+from dore.world.reach import Reach
 
 MAX_WIDTH = 8192
 """No layer is wider."""
 
 
 class NetworkFactory(Protocol):
-    """Makes a network of one layout."""
+    """Makes a network for a reach; `reach.layout` is the layout."""
 
-    def __call__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int]) -> nn.Module:
+    def __call__(self, reach: Reach, n_planes: int, n_outputs: Sequence[int]) -> nn.Module:
         """A module Float[B, C, G] -> one Float[B, n] for each n of `n_outputs`."""
 
 
@@ -38,11 +41,11 @@ class MLP(nn.Module):
         InputError: no hidden layer, or a width below 1.
     """
 
-    def __init__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int], widths: Sequence[int]) -> None:
+    def __init__(self, reach: Reach, n_planes: int, n_outputs: Sequence[int], widths: Sequence[int]) -> None:
         super().__init__()
         if not isinstance(widths, list | tuple) or not widths:
             raise InputError(f"network.widths: got {widths!r}, want a list of one hidden layer or more")
-        sizes = [n_planes * layout.n_cells, *(whole("network.widths", width, 1, at_most=MAX_WIDTH) for width in widths)]
+        sizes = [n_planes * reach.n_cells, *(whole("network.widths", width, 1, at_most=MAX_WIDTH) for width in widths)]
         layers: list[nn.Module] = [nn.Flatten()]
         for size, width in itertools.pairwise(sizes):
             layers += [nn.Linear(size, width), nn.SiLU()]
@@ -69,8 +72,9 @@ class ConvNet(nn.Module):
         InputError: a layout that is no rectangle, or a count below 1.
     """
 
-    def __init__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int], channels: int, blocks: int) -> None:
+    def __init__(self, reach: Reach, n_planes: int, n_outputs: Sequence[int], channels: int, blocks: int) -> None:
         super().__init__()
+        layout = reach.layout
         if layout.grid_shape is None:
             raise InputError("network: conv needs a layout of rows and columns, this one is irregular; want mlp")
         self.shape = layout.grid_shape
@@ -123,9 +127,9 @@ class CellNet(nn.Module):
 
     serves_every_layout = True
 
-    def __init__(self, layout: Layout, n_planes: int, n_outputs: Sequence[int], width: int, blocks: int) -> None:
+    def __init__(self, reach: Reach, n_planes: int, n_outputs: Sequence[int], width: int, blocks: int) -> None:
         super().__init__()
-        if any(n != layout.n_cells for n in n_outputs):
+        if any(n != reach.n_cells for n in n_outputs):
             raise InputError("network: cells has one output a cell, as agent=sequential wants; want mlp or conv here")
         whole("network.width", width, 1, at_most=MAX_WIDTH)
         whole("network.blocks", blocks, 1, at_most=100)
@@ -134,6 +138,10 @@ class CellNet(nn.Module):
         self.pooled = nn.ModuleList(nn.Linear(2 * width, width) for _ in range(blocks))
         self.heads = nn.ModuleList(nn.Linear(width, 1) for _ in n_outputs)
 
+    def on(self, reach: Reach) -> CellNet:
+        """Itself: nothing in it depends on the reach."""
+        return self
+
     def forward(self, planes: Tensor) -> tuple[Tensor, ...]:
         """Float[B, C, G] -> Float[B, G] for each head."""
         hidden = nn.functional.silu(self.stem(planes.transpose(1, 2)))
@@ -141,6 +149,24 @@ class CellNet(nn.Module):
             everywhere = torch.cat([hidden.mean(1), hidden.amax(1)], -1)
             hidden = hidden + nn.functional.silu(own(hidden) + pooled(everywhere)[:, None])
         return tuple(head(hidden).squeeze(-1) for head in self.heads)
+
+
+class HeadOf(nn.Module):
+    """One head of a network that several share; a plane of ones times the head's number tells it which is asked.
+
+    Args:
+        network: Float[B, C + 1, G] -> one Float[B, n] a head.
+        head: which.
+    """
+
+    def __init__(self, network: nn.Module, head: int) -> None:
+        super().__init__()
+        self.network, self.head = network, head
+
+    def forward(self, planes: Tensor) -> tuple[Tensor]:
+        """Float[B, C, G] -> Float[B, n]."""
+        which = planes.new_full((len(planes), 1, planes.shape[-1]), float(self.head))
+        return (self.network(torch.cat([planes, which], 1))[self.head],)
 
 
 def _conv_head(channels: int, n_cells: int, n_outputs: int) -> nn.Module:

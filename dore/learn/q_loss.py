@@ -8,9 +8,10 @@ overhead is as large as a small network.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -116,6 +117,12 @@ class QLoss(LossModule):
         # Not as submodules: `convert_to_functional` has registered their parameters already.
         self.__dict__["_online"] = dict(online)
         self._observations = [key for network in online.values() for key in network.in_keys]
+
+    def of(self, online: Mapping[str, TensorDictModule]) -> Self:
+        """This loss, with the same parameters and targets, of the same networks on another reach."""
+        other = copy.copy(self)
+        other.__dict__.update(online, _online=dict(online))
+        return other
 
     @property
     def in_keys(self) -> list[NestedKey]:

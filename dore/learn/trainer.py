@@ -167,7 +167,7 @@ class Trainer:
         budget = self.budget
         with memory_for("training.batch_size", f"{budget.batch_size} x training.updates {budget.updates}"):
             sample = world.draw(burst)
-            losses = [] if sample is None else self.learner.learn(sample, world.agent.decode)
+            losses = [] if sample is None else self.learner.learn(sample, world.agent)
         if losses:
             self.progress.updates += len(losses)
             self.progress.loss = float(torch.stack(losses).mean())

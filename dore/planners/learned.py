@@ -47,7 +47,7 @@ class Learned(Planner):
         if self.reach.mirror is None and isinstance(config.get("agent"), dict):
             config["agent"] = {**config["agent"], "symmetry": False}
         agent = agent_from_config(config, self.reach)
-        if not all(getattr(network, "serves_every_layout", False) for network in agent.networks.values()):
+        if not agent.serves_every_layout:
             trained_on: Layout = make(self._config.get("layout"), f"{self._file}: layout")
             wanted, given = trained_on.to_dict(), self.reach.layout.to_dict()
             if wanted != given:

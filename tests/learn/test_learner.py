@@ -51,7 +51,7 @@ def step_length(max_grad_norm: float | None, monkeypatch: pytest.MonkeyPatch) ->
         return {"loss_pick": sum(100 * weight.sum() for weight in weights), "loss_place": torch.zeros(())}
 
     monkeypatch.setattr(type(made.agent.loss), "forward", lambda self, batch: steep(batch))
-    made.update(None)  # type: ignore[arg-type]
+    made.update(None, made.agent)  # type: ignore[arg-type]
     moved = [(new - old).square().sum() for new, old in zip(weights, before, strict=True)]
     return float(torch.stack(moved).sum().sqrt().detach())
 
@@ -64,11 +64,12 @@ def test_gradients_are_scaled_down_to_their_largest_norm(monkeypatch):
 def test_a_large_sample_is_decoded_in_parts_and_learned_whole():
     made = learner(None)
     sizes: list[int] = []
-    made.update = lambda batch: (sizes.append(len(batch)), torch.zeros(()))[1]  # type: ignore[method-assign]
+    made.update = lambda batch, agent: (sizes.append(len(batch)), torch.zeros(()))[1]  # type: ignore[method-assign]
     made.agent.loss.double = True
     decoded: list[int] = []
     sample = torch.arange(2 * DECODED_AT_ONCE + 8)
-    losses = made.learn(sample, lambda rows: (decoded.append(len(rows)), rows)[1])  # type: ignore[arg-type]
+    made.agent.decode = lambda rows: (decoded.append(len(rows)), rows)[1]  # type: ignore[method-assign]
+    losses = made.learn(sample, made.agent)  # type: ignore[arg-type]
     assert decoded == [DECODED_AT_ONCE, DECODED_AT_ONCE, 8]
     assert set(sizes) == {4}
     assert len(losses) == len(sample) // 4

@@ -74,7 +74,8 @@ def one_after_the_other(trainer: Trainer, burst: Burst) -> None:
         trainer.worlds[MAIN].buffer.extend(burst.split(k)[1].split(1)[0].rows)
         age = (torch.rand(1, trainer.budget.batch_size, dtype=torch.float64) * len(trainer.worlds[MAIN].buffer)).long()
         sample = trainer.worlds[MAIN].buffer[len(trainer.worlds[MAIN].buffer) - 1 - age.flatten()]
-        trainer.learner.update(trainer.learner.agent.decode(restore(sample)))
+        agent = trainer.learner.agent
+        trainer.learner.update(agent.decode(restore(sample)), agent)
 
 
 @pytest.mark.parametrize(

@@ -10,15 +10,17 @@ import torch
 from dore.errors import InputError
 from dore.learn.networks import MLP, ConvNet
 from dore.world.layout import Layout
+from dore.world.reach import Reach
+from tests.drawings import WIDE_HAND, wide_hand
 
-GRID = Layout.grid(3, 4, 0.12)
+GRID = wide_hand(3, 4)
 MLPS = partial(MLP, widths=[16, 8])
 CONVS = partial(ConvNet, channels=8, blocks=1)
 
 
 @pytest.mark.parametrize("network", [MLPS, CONVS])
 def test_one_output_a_head(network):
-    made = network(layout=GRID, n_planes=3, n_outputs=(5, 12))
+    made = network(reach=GRID, n_planes=3, n_outputs=(5, 12))
     slots, cells = made(torch.rand(7, 3, 12))
     assert slots.shape == (7, 5)
     assert cells.shape == (7, 12)
@@ -26,7 +28,7 @@ def test_one_output_a_head(network):
 
 @pytest.mark.parametrize("network", [MLPS, CONVS])
 def test_rows_do_not_see_each_other(network):
-    made = network(layout=GRID, n_planes=2, n_outputs=(12,))
+    made = network(reach=GRID, n_planes=2, n_outputs=(12,))
     planes = torch.rand(6, 2, 12)
     (together,) = made(planes)
     alone = torch.cat([made(planes[row : row + 1])[0] for row in range(6)])
@@ -34,19 +36,19 @@ def test_rows_do_not_see_each_other(network):
 
 
 def test_swish():
-    assert any(isinstance(layer, torch.nn.SiLU) for layer in MLPS(layout=GRID, n_planes=1, n_outputs=(1,)).trunk)
+    assert any(isinstance(layer, torch.nn.SiLU) for layer in MLPS(reach=GRID, n_planes=1, n_outputs=(1,)).trunk)
 
 
 def test_conv_knows_where_a_cell_is():
     """Reach depends on where the robot is, so the same neighbourhood may be worth something else elsewhere."""
-    (values,) = CONVS(layout=Layout.grid(9, 9, 0.1), n_planes=1, n_outputs=(81,))(torch.zeros(1, 1, 81))
+    (values,) = CONVS(reach=wide_hand(9, 9, 0.1), n_planes=1, n_outputs=(81,))(torch.zeros(1, 1, 81))
     assert values.view(9, 9)[3:6, 3:6].std() > 0
 
 
 def test_conv_refuses_an_irregular_layout():
     irregular = Layout(cells=((0.5, 0.0), (0.7, 0.1)), cell_m=0.1)
     with pytest.raises(InputError, match="irregular; want mlp"):
-        CONVS(layout=irregular, n_planes=1, n_outputs=(2,))
+        CONVS(reach=Reach(irregular, **WIDE_HAND), n_planes=1, n_outputs=(2,))
 
 
 @pytest.mark.parametrize(
@@ -60,4 +62,4 @@ def test_conv_refuses_an_irregular_layout():
 )
 def test_bad_sizes(network, says):
     with pytest.raises(InputError, match=says):
-        network(layout=GRID, n_planes=1, n_outputs=(12,))
+        network(reach=GRID, n_planes=1, n_outputs=(12,))

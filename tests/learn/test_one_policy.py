@@ -41,9 +41,9 @@ EVERY_FORM = pytest.mark.parametrize(
 class WholeNumbers(nn.Module):
     """A network whose weights, and so values, are small whole numbers."""
 
-    def __init__(self, layout: Layout, n_planes: int, n_outputs: tuple[int, ...]) -> None:
+    def __init__(self, reach: Reach, n_planes: int, n_outputs: tuple[int, ...]) -> None:
         super().__init__()
-        self.hidden = nn.Linear(n_planes * layout.n_cells, 64)
+        self.hidden = nn.Linear(n_planes * reach.n_cells, 64)
         self.heads = nn.ModuleList(nn.Linear(64, n) for n in n_outputs)
         with torch.no_grad():
             for parameter in self.parameters():

@@ -98,8 +98,8 @@ def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
     """An update may spoil the weights after its loss was fine."""
     update = Learner.update
 
-    def spoilt(self, batch):
-        loss = update(self, batch)
+    def spoilt(self, batch, agent):
+        loss = update(self, batch, agent)
         if int(self.averaged.state_dict()["n_averaged"]) > 40:
             next(self.agent.networks.parameters()).data.fill_(float("inf"))
         return loss
@@ -114,7 +114,7 @@ def test_a_spoilt_weight_is_not_kept(tmp_path, capsys, monkeypatch):
 
 
 def test_a_batch_that_does_not_fit_names_its_key(tmp_path, capsys, monkeypatch):
-    def full(self, batch):
+    def full(self, batch, agent):
         raise torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 20.00 MiB.")
 
     monkeypatch.setattr(Learner, "update", full)

@@ -54,8 +54,9 @@ def test_the_worlds_take_turns_and_share_one_learner():
         steps = [world.env_steps // 8 for world in trainer.worlds.values()]
         assert steps == [(turn + 2) // 3, (turn + 1) // 3, turn // 3]
     for world in trainer.worlds.values():
-        assert world.agent.networks is trainer.learner.agent.networks
-        assert world.agent.loss is trainer.learner.agent.loss
+        for part in ("networks", "loss"):
+            own, shared = (getattr(agent, part).parameters() for agent in (world.agent, trainer.learner.agent))
+            assert all(one is other for one, other in zip(own, shared, strict=True))
     assert trainer.progress.env_steps == 7 * 8
     assert trainer.progress.updates > 0
     assert before.keys() == trainer.learner.averaged.weights().keys()
@@ -154,7 +155,7 @@ def test_a_stopped_run_on_three_worlds_resumes_as_if_it_had_not(tmp_path):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        (["network=mlp"], "worlds: only agent=sequential network=cells serves"),
+        (["network=mlp"], "worlds: this network serves one layout"),
         (["worlds.wide.layout.rows=0"], "worlds.wide: layout"),
         (["+worlds.odd.layout.rows=3"], "worlds.odd: got layout, want layout, reach, instances"),
         (["+worlds.odd=3"], "worlds.odd: got 3, want layout, reach, instances"),

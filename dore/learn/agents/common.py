@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import torch
 from tensordict import TensorDictBase
@@ -19,6 +21,7 @@ from dore.configure import call, make
 from dore.errors import InputError, flag, number, one_of
 from dore.learn import keys
 from dore.learn.features import Encoding, encode
+from dore.learn.networks import NetworkFactory
 from dore.learn.q_loss import MaskMode, QLoss, masked
 from dore.world.episode import Episodes
 from dore.world.reach import Reach
@@ -83,6 +86,30 @@ class Agent(ABC):
         self.encoding, self.mask_mode = hyperparameters.encoding, hyperparameters.mask_mode
         self.symmetry = hyperparameters.symmetry
 
+    @property
+    def serves_every_layout(self) -> bool:
+        """Whether the weights do not depend on the layout."""
+        return all(getattr(network, "serves_every_layout", False) for network in self.networks.values())
+
+    def on(self, reach: Reach) -> Self:
+        """This agent on another layout or reach, with the same parameters; its networks must serve every layout."""
+        other = copy.copy(self)
+        other.reach = reach
+        moved = {name: network.on(reach) for name, network in self.networks.items()}  # type: ignore[operator]
+        other.networks = torch.nn.ModuleDict(moved)
+        modules = other._q_modules()
+        other.loss = self.loss.of(modules)
+        other._make_policy(modules)
+        return other
+
+    @abstractmethod
+    def _q_modules(self) -> dict[str, TensorDictModule]:
+        """The networks over TensorDicts, by the names that the loss has for them."""
+
+    @abstractmethod
+    def _make_policy(self, modules: dict[str, TensorDictModule]) -> None:
+        """Act by these on this reach's cells."""
+
     @abstractmethod
     def decode(self, batch: TensorDictBase) -> TensorDictBase:
         """Stored transitions, with all that the loss needs."""
@@ -127,9 +154,21 @@ class Agent(ABC):
 
 def agent_from_config(config: Mapping[str, Any], reach: Reach) -> Agent:
     """The agent that the groups `agent` and `network` of a config describe, with fresh weights."""
-    network = partial(call, make(config.get("network"), "network"), "network")
+    network = partial(_network_of, make(config.get("network"), "network"))
     agent: Agent = make(config.get("agent"), "agent", reach=reach, network=network)
     return agent
+
+
+def _network_of(factory: NetworkFactory, **given: Any) -> torch.nn.Module:
+    """A network; a factory that wants `layout`, as in versions up to 0.2, is told what it gets instead."""
+    try:
+        network: torch.nn.Module = call(factory, "network", **given)
+    except InputError as error:
+        if re.search(r"argument:? '(reach|layout)'", str(error)):
+            wanted = "want a class made by (reach, n_planes, n_outputs, ...); reach.layout is the layout"
+            raise InputError(f"{error}; {wanted}") from None
+        raise
+    return network
 
 
 def never_empty(mask: Tensor) -> Tensor:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import copy
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -15,11 +14,13 @@ from dore.learn import keys
 from dore.learn.agents.common import Agent, Greedy, Hyperparameters, never_empty
 from dore.learn.features import mirrored_by_chance, n_planes
 from dore.learn.losses import Chain, SequentialLoss
-from dore.learn.networks import NetworkFactory
+from dore.learn.networks import HeadOf, NetworkFactory
 from dore.learn.q_loss import FailedPick
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, going_back, lift
 
+Trunk = Literal["separate", "shared"]
+HEADS = ("pick", "place")
 _SEEN_PICK, _SEEN_PLACE = ("pick", keys.OBSERVATION), ("place", keys.OBSERVATION)
 
 
@@ -30,7 +31,9 @@ class Sequential(Agent):
     going back to a visited board.
 
     Args:
-        network: makes the pick and the place network.
+        network: makes the pick and the place network, or the one that both share.
+        trunk: `separate`: a network each, as in the paper; `shared`: one network with two heads, which is also shown
+            which of them is asked.
         chain, failed_pick: see `dore.learn.losses.SequentialLoss`.
         reach, hyperparameters: see `Agent` and `Hyperparameters`.
 
@@ -43,37 +46,51 @@ class Sequential(Agent):
         reach: Reach,
         network: NetworkFactory,
         chain: Chain,
-        failed_pick: FailedPick = "skip",  # Model files of version 0.1 do not name it.
+        failed_pick: FailedPick = "skip",  # Model files of version 0.1 do not name it,
+        trunk: Trunk = "separate",  # nor those up to 0.2 this.
         **hyperparameters: Any,
     ) -> None:
         shared = Hyperparameters(**hyperparameters)
         super().__init__(reach, shared)
         one_of("agent.chain", chain, Chain)
         one_of("agent.failed_pick", failed_pick, FailedPick)
-        self.chain = chain
+        one_of("agent.trunk", trunk, Trunk)
+        self.chain, self.trunk = chain, trunk
         planes, cells = n_planes(self.encoding, with_mask=True), reach.n_cells
-        self.networks = torch.nn.ModuleDict(
-            {head: network(layout=reach.layout, n_planes=planes, n_outputs=(cells,)) for head in ("pick", "place")}
-        ).to(reach.device)
+        if trunk == "shared":
+            made = {"both": network(reach=reach, n_planes=planes + 1, n_outputs=(cells, cells))}
+        else:
+            made = {head: network(reach=reach, n_planes=planes, n_outputs=(cells,)) for head in HEADS}
+        self.networks = torch.nn.ModuleDict(made).to(reach.device)
+        modules = self._q_modules()
         self.loss = SequentialLoss(
-            *self._q_modules(), shared.gamma, shared.double, self.mask_mode, chain, failed_pick, shared.loss_function
+            **modules,
+            gamma=shared.gamma,
+            double=shared.double,
+            mask_mode=self.mask_mode,
+            chain=chain,
+            failed_pick=failed_pick,
+            loss_function=shared.loss_function,
         )
-        self._make_policy()
+        self._make_policy(modules)
         rewards = (keys.PLACE_REWARD,) if chain == "natural" else (keys.PLACE_REWARD, keys.PICK_REWARD)
         following = keys.below("next", keys.BOARD, keys.TERMINATED, *rewards)
         self.stored = (keys.BOARD, keys.TARGET, keys.PICK, keys.PLACE, *following)
 
-    def _q_modules(self) -> tuple[TensorDictModule, TensorDictModule]:
-        """Q_p and Q_l over TensorDicts."""
-        return (
-            TensorDictModule(self.networks["pick"], in_keys=[_SEEN_PICK], out_keys=[keys.PICK_VALUE]),
-            TensorDictModule(self.networks["place"], in_keys=[_SEEN_PLACE], out_keys=[keys.PLACE_VALUE]),
-        )
+    def _head(self, name: str) -> torch.nn.Module:
+        """Q_p or Q_l: Float[B, C, G] -> (Float[B, G],)."""
+        return self.networks[name] if self.trunk == "separate" else HeadOf(self.networks["both"], HEADS.index(name))
 
-    def _make_policy(self) -> None:
+    def _q_modules(self) -> dict[str, TensorDictModule]:
+        """Q_p and Q_l over TensorDicts."""
+        return {
+            "pick": TensorDictModule(self._head("pick"), in_keys=[_SEEN_PICK], out_keys=[keys.PICK_VALUE]),
+            "place": TensorDictModule(self._head("place"), in_keys=[_SEEN_PLACE], out_keys=[keys.PLACE_VALUE]),
+        }
+
+    def _make_policy(self, modules: dict[str, TensorDictModule]) -> None:
         """Pick, lift, place on this reach's cells."""
         cells, mode, device = self.reach.n_cells, self.mask_mode, self.reach.device
-        pick_values, place_values = self._q_modules()
         before_pick = TensorDictModule(
             self._see_pick,
             in_keys=[keys.BOARD, keys.TARGET, keys.PICKABLE, keys.LEGAL_PICK],
@@ -86,26 +103,19 @@ class Sequential(Agent):
         )
         pick = Greedy(keys.PICK, keys.PICK_VALUE, keys.PICK_MASK, cells, mode, device)
         place = Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mode, device)
-        self._set_policy(before_pick, pick_values, pick, before_place, place_values, place)
-
-    def on(self, reach: Reach) -> Sequential:
-        """This agent, weights, loss and all, on another layout or reach; its networks must serve every layout."""
-        other = copy.copy(self)
-        other.reach = reach
-        other._make_policy()
-        return other
+        self._set_policy(before_pick, modules["pick"], pick, before_place, modules["place"], place)
 
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
         """Float[N, G]: Q_p of each cell on Int64[N, W] boards; of one that cannot be picked it means nothing."""
         pickable = accessibility(self.reach, board, target).pick
-        values: Tensor = self.networks["pick"](self._observe(board, target, pickable))[0]
+        values: Tensor = self._head("pick")(self._observe(board, target, pickable))[0]
         return values
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: Q_l of each cell for the obstacle on Int64[N] cells of Int64[N, W] boards, once it is lifted."""
         lifted = lift(board, pick)
         placeable = accessibility(self.reach, lifted, target).place
-        values: Tensor = self.networks["place"](self._observe(lifted, target, placeable))[0]
+        values: Tensor = self._head("place")(self._observe(lifted, target, placeable))[0]
         return values
 
     def decode(self, batch: TensorDictBase) -> TensorDict:

@@ -47,15 +47,22 @@ class Single(Agent):
         one_of("agent.heads", heads, Heads)
         self.n_slots = whole("agent.n_slots", n_slots, 1)
         planes = n_planes(self.encoding, with_mask=self.encoding != "state")
-        made = network(layout=reach.layout, n_planes=planes, n_outputs=(n_slots, reach.n_cells))
+        made = network(reach=reach, n_planes=planes, n_outputs=(n_slots, reach.n_cells))
         self.networks = torch.nn.ModuleDict({"pick_place": made}).to(reach.device)
-        values = TensorDictModule(made, in_keys=[_SEEN], out_keys=[keys.SLOT_VALUE, keys.PLACE_VALUE])
-        self._make_policy(values)
-        self.loss = SingleLoss(values, shared.gamma, shared.double, self.mask_mode, heads, shared.loss_function)
+        modules = self._q_modules()
+        self._make_policy(modules)
+        self.loss = SingleLoss(
+            modules["network"], shared.gamma, shared.double, self.mask_mode, heads, shared.loss_function
+        )
         following = keys.below("next", keys.BOARD, keys.TERMINATED, keys.PLACE_REWARD)
         self.stored = (keys.BOARD, keys.TARGET, keys.SLOT, keys.PLACE, *following)
 
-    def _make_policy(self, values: TensorDictModule) -> None:
+    def _q_modules(self) -> dict[str, TensorDictModule]:
+        """Q1 and Q2 over TensorDicts."""
+        network, values = self.networks["pick_place"], [keys.SLOT_VALUE, keys.PLACE_VALUE]
+        return {"network": TensorDictModule(network, in_keys=[_SEEN], out_keys=values)}
+
+    def _make_policy(self, modules: dict[str, TensorDictModule]) -> None:
         """Choose a slot, then the cell for its obstacle."""
         mode, device = self.mask_mode, self.reach.device
         before_pick = TensorDictModule(
@@ -70,7 +77,7 @@ class Single(Agent):
         )
         pick = Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, self.n_slots, mode, device)
         place = Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, self.reach.n_cells, mode, device)
-        self._set_policy(before_pick, values, pick, before_place, place)
+        self._set_policy(before_pick, modules["network"], pick, before_place, place)
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the mean of Q1 of an obstacle and Q2 of each cell, for Int64[N] picks on Int64[N, W] boards.
