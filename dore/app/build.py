@@ -14,6 +14,7 @@ from dore.app.own_parts import cells_stay
 from dore.configure import make
 from dore.errors import InputError, shown, whole
 from dore.planners.base import Planner
+from dore.world.benchmark import Benchmark
 from dore.world.instances import InstanceSplits
 from dore.world.layout import Layout
 from dore.world.reach import Reach
@@ -37,6 +38,13 @@ def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
     if isinstance(splits, InstanceSplits):
         splits.difficulty.check_fits(reach.n_cells)
     return splits
+
+
+def benchmark_of(config: Mapping[str, Any]) -> Benchmark | None:
+    """The benchmark, if a config's instances are it; it brings its own layouts and reaches."""
+    node = config.get("instances")
+    named = isinstance(node, Mapping) and node.get("_target_") == f"{Benchmark.__module__}.{Benchmark.__qualname__}"
+    return make(node, "instances") if named else None
 
 
 def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:

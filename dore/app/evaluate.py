@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -12,15 +13,37 @@ from dore.app import build, jobs, run_folder
 from dore.errors import ExitCode, InputError, pasted, path_of
 from dore.files import CONFIG_FILE, GROUPS_FILE, ROWS_FILE, conf_dir, locked, write_record
 from dore.planners.base import Planner
-from dore.report.evaluation import collect_rows, evaluate_into
-from dore.report.rows import ExecutedRow, Timing
+from dore.report.evaluation import benchmark_rows, collect_rows, evaluate_into
+from dore.report.rows import BenchmarkRow, ExecutedRow, Timing
 from dore.report.tables import evaluation_tables
+from dore.world.benchmark import Benchmark, BenchmarkSet
 from dore.world.instances import InstanceSet
 
 OF_AN_ARM = (
     *("objects", "view", "camera", "disturbance", "loop", "jitter_m", "turned", "limits", "seed", "workers", "backend"),
 )
 """Keys that say how an arm carries plans out."""
+
+
+class BenchmarkEvaluation(NamedTuple):
+    """Planners on the benchmark, built and checked: for each of its layouts and reaches anew."""
+
+    sets: Sequence[BenchmarkSet]
+    planners: Sequence[Sequence[Planner]]
+    timing: Timing
+
+    @classmethod
+    def of(cls, cfg: DictConfig, benchmark: Benchmark) -> BenchmarkEvaluation:
+        """Build it; layouts and reaches are the benchmark's."""
+        if cfg.split != "test":
+            raise InputError(f"split: got {cfg.split}, want test: the benchmark has no other boards")
+        if cfg.get("arm") is not None:
+            raise InputError("instances: got benchmark, want another where an arm carries plans out")
+        for name in ("layout", "reach"):
+            if cfg.get(name) is not None:
+                raise InputError(f"{name}: has no effect on instances=benchmark, want instances.{name}s=[NAME]")
+        sets = benchmark.sets(cfg.limit, cfg.device)
+        return cls(sets, [build.planners_of(cfg, one.instances.reach) for one in sets], Timing(cfg.timing))
 
 
 class Evaluation(NamedTuple):
@@ -33,11 +56,6 @@ class Evaluation(NamedTuple):
     @classmethod
     def of(cls, cfg: DictConfig) -> Evaluation:
         """Build it; `cfg` then names its whole world, and no longer depends on what the model's file says."""
-        build.use_threads(cfg.threads)
-        if cfg.split not in ("test", "validation"):
-            raise InputError(f"split: got {cfg.split!r}, want test or validation")
-        if cfg.timing not in tuple(Timing):
-            raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
         model = build.model_config(cfg)
         if cfg.get("arm") is not None:  # It may not reach the model's layout.
             model = {**model, "layout": OmegaConf.load(conf_dir() / "layout" / "3x6.yaml")}
@@ -56,6 +74,21 @@ class Evaluation(NamedTuple):
         return cls(planners, instances, Timing(cfg.timing))
 
 
+def evaluation_of(cfg: DictConfig) -> Evaluation | BenchmarkEvaluation:
+    """What `cfg` asks for, built and checked.
+
+    Raises:
+        InputError: names the key that is wrong.
+    """
+    build.use_threads(cfg.threads)
+    if cfg.split not in ("test", "validation"):
+        raise InputError(f"split: got {cfg.split!r}, want test or validation")
+    if cfg.timing not in tuple(Timing):
+        raise InputError(f"timing: got {cfg.timing!r}, want one of {', '.join(Timing)}")
+    benchmark = build.benchmark_of(cfg)
+    return Evaluation.of(cfg) if benchmark is None else BenchmarkEvaluation.of(cfg, benchmark)
+
+
 def evaluate_command(cfg: DictConfig) -> int:
     """Evaluate planners on a split, or resume that, and print the tables made from its rows.csv; the exit code."""
     begun = run_folder.folder_of(cfg) if jobs.in_sweep() else None
@@ -63,9 +96,9 @@ def evaluate_command(cfg: DictConfig) -> int:
         folder = path_of("resume", cfg.resume) if begun is None else begun
         cfg = _own_config(folder, cfg)
         with locked(folder, "resume"):
-            return _evaluate(folder, Evaluation.of(cfg), cfg)
+            return _evaluate(folder, evaluation_of(cfg), cfg)
     _check_keys_fit(cfg)
-    evaluation = Evaluation.of(cfg)
+    evaluation = evaluation_of(cfg)
     with run_folder.claimed(run_folder.folder_of(cfg), keep_if=(CONFIG_FILE,)) as folder:
         cfg.run_dir = str(folder)
         run_folder.write_config(folder, cfg)
@@ -74,11 +107,13 @@ def evaluate_command(cfg: DictConfig) -> int:
         return _evaluate(folder, evaluation, cfg)
 
 
-def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
+def _evaluate(folder: Path, evaluation: Evaluation | BenchmarkEvaluation, cfg: DictConfig) -> int:
     """Make the rows that are missing, and print the tables; this process has locked the folder."""
     if not (folder / ROWS_FILE).exists():
         try:
-            if cfg.get("arm") is None:
+            if isinstance(evaluation, BenchmarkEvaluation):
+                collect_rows(folder, BenchmarkRow, partial(benchmark_rows, *evaluation))
+            elif cfg.get("arm") is None:
                 evaluate_into(folder, *evaluation)
             else:
                 from dore.app.in_scene import rows_of_scenes
@@ -89,7 +124,7 @@ def _evaluate(folder: Path, evaluation: Evaluation, cfg: DictConfig) -> int:
             print(f"stopped; resume with: dore-evaluate {pasted('resume', folder)}")
             return ExitCode.STOPPED
     print(evaluation_tables(folder))
-    if n_open := evaluation.instances.n_accessible:
+    if isinstance(evaluation, Evaluation) and (n_open := evaluation.instances.n_accessible):
         print(f"{n_open} of {len(evaluation.instances)} targets are accessible at the start: solved in no move")
     print(f"{ROWS_FILE} is in {folder}; timing={cfg.timing}, threads={cfg.threads}")
     return ExitCode.OK

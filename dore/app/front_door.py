@@ -14,14 +14,14 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException, UnsupportedValueType
 
 from dore.app import build
-from dore.app.evaluate import Evaluation
+from dore.app.evaluate import BenchmarkEvaluation, evaluation_of
 from dore.configure import make
 from dore.errors import InputError, path_of, seed_of, shown
 from dore.files import conf_dir, shipped_or
 from dore.learn.agents.common import Agent
 from dore.learn.env import RearrangeEnv
 from dore.planners.learned import Learned
-from dore.report.evaluation import rows_as_they_come
+from dore.report.evaluation import benchmark_rows, rows_as_they_come
 from dore.report.rows import ROW_COLUMNS
 from dore.schema import nearest
 from dore.world.files import read_scene, scene_of
@@ -148,7 +148,7 @@ def evaluate(
         planner: one or several options of conf/planner.
         layout, reach, instances: options of conf/; None: the model's.
         model: as in dore-evaluate; a list makes a row label of each model.
-        limit: the first so many instances; None: all.
+        limit: the first so many instances, of each stratum on instances="benchmark"; None: all.
         settings: further keys of conf/evaluate.yaml: `SETTINGS`.
 
     Raises:
@@ -160,8 +160,10 @@ def evaluate(
     names = [planner] if isinstance(planner, str) else planner
     chosen = {"planner": names, "layout": layout, "reach": reach, "instances": instances}
     models = list(model) if isinstance(model, list | tuple) else model
-    of = Evaluation.of(_composed("evaluate", chosen, model=models, limit=limit, **settings))
+    of = evaluation_of(_composed("evaluate", chosen, model=models, limit=limit, **settings))
     none = pd.DataFrame(columns=list(ROW_COLUMNS))
+    if isinstance(of, BenchmarkEvaluation):
+        return pd.DataFrame(benchmark_rows(*of, none))
     return pd.DataFrame(rows_as_they_come(of.planners, of.instances, of.timing, none, batch_size=1024))
 
 

@@ -94,7 +94,7 @@ def rows_of_scenes(
         InputError: rows that are from another evaluation, or a backend that is not installed.
     """
     names, problems, text = [one.name for one in planners], list(instances), OmegaConf.to_yaml(cfg, resolve=True)
-    check_done(done, names, problems, Timing.SINGLE)
+    check_done(done, names, dict(enumerate(problems, 1)), Timing.SINGLE)
     there = set(zip(done.planner, done.instance, strict=True))
     jobs = [
         delayed(_run)(text, name, number, problem.scene)

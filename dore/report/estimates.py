@@ -70,6 +70,22 @@ def sample_mean(values: ArrayLike) -> Estimate:
     return Estimate(len(values), centre, sd, centre - half, centre + half)
 
 
+def mean_of_shares(hits: ArrayLike, trials: ArrayLike) -> Estimate:
+    """The mean over strata of each one's share, all of them weighing the same; a normal interval.
+
+    Each share's variance is that of (hits + 2) / (trials + 4), so that a stratum of all or none has one, too.
+
+    Source of this: Agresti and Caffo, The American Statistician 54 (2000), 280-288.
+    """
+    hits, trials = np.asarray(hits, float), np.asarray(trials, float)
+    if not len(trials) or not trials.all():
+        return Estimate(0)
+    centre, moved = float((hits / trials).mean()), (hits + 2) / (trials + 4)
+    sd = math.sqrt(float((moved * (1 - moved) / (trials + 4)).sum())) / len(trials)
+    half = float(stats.norm.ppf((1 + CONFIDENCE) / 2)) * sd
+    return Estimate(float(trials.sum()), centre, low=max(0.0, centre - half), high=min(1.0, centre + half))
+
+
 def ratio_of_means(values: ArrayLike, base: ArrayLike) -> Estimate:
     """The mean of `values` over the mean of `base`, pair by pair; nan where `base` sums to 0.
 

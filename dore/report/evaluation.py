@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Sequence
+import time
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -12,9 +14,10 @@ from dore.errors import InputError, whole
 from dore.files import ROWS_FILE
 from dore.planners.base import Planner
 from dore.report.progress import ProgressBar
-from dore.report.rows import Row, Timing, append_row, read_rows, write_rows
+from dore.report.rows import BenchmarkRow, Row, Timing, append_row, read_rows, write_rows
+from dore.world.benchmark import BenchmarkSet
 from dore.world.instances import InstanceSet
-from dore.world.plan import Plan, PlanError, replay
+from dore.world.plan import Plan, PlanError, Status, replay
 from dore.world.problem import Batch, Problem, cell_id
 
 PARTIAL = "rows.part.csv"
@@ -62,6 +65,18 @@ def _cut_unfinished_line(path: Path) -> None:
         file.truncate(len(whole_lines[0]) + len(whole_lines[1]))
 
 
+class Part(NamedTuple):
+    """Planners that were all built for one layout and reach, and instances of it.
+
+    first: the number of the first instance. about: of each instance, what its rows of a benchmark say more.
+    """
+
+    planners: Sequence[Planner]
+    instances: InstanceSet
+    first: int = 1
+    about: Sequence[Mapping[str, Any]] = ()
+
+
 def rows_as_they_come(
     planners: Sequence[Planner], instances: InstanceSet, timing: Timing, done: pd.DataFrame, batch_size: int
 ) -> Iterator[Row]:
@@ -79,48 +94,89 @@ def rows_as_they_come(
         InputError: two planners of one name, a batch size below 1, or a done row that is from another evaluation.
         PlanError: a plan that does not replay; names the planner, the instance, the move and why.
     """
-    names = [planner.name for planner in planners]
+    return rows_of_parts([Part(planners, instances)], timing, done, batch_size)
+
+
+def benchmark_rows(
+    sets: Sequence[BenchmarkSet], planners: Sequence[Sequence[Planner]], timing: Timing, done: pd.DataFrame
+) -> Iterator[Row]:
+    """As `rows_as_they_come` on a benchmark, instances numbered through; planners: those for each of its sets.
+
+    Raises:
+        InputError: what `rows_as_they_come` raises.
+        PlanError: also of a plan with fewer moves than the proved optimum, or of a wrong proof.
+    """
+    firsts = accumulate((len(one.instances) for one in sets), initial=1)
+    parts = [
+        Part(ours, one.instances, first, one.about) for ours, one, first in zip(planners, sets, firsts, strict=False)
+    ]
+    return rows_of_parts(parts, timing, done, batch_size=1024)
+
+
+def rows_of_parts(parts: Sequence[Part], timing: Timing, done: pd.DataFrame, batch_size: int) -> Iterator[Row]:
+    """The rows of all parts, one after the other; see `rows_as_they_come`."""
+    names = [planner.name for planner in parts[0].planners]
     if len(set(names)) < len(names):
         raise InputError(f"planners: got {', '.join(names)}, want different names")
     step = 1 if timing is Timing.SINGLE else whole("batch_size", batch_size, 1)
-    problems = list(instances)
-    check_done(done, names, problems, timing)
-    with ProgressBar(total=len(planners) * len(problems), initial=len(done), unit="plan") as bar:
-        for planner in planners:
-            there = set(done.instance[done.planner == planner.name])
-            if len(there) == len(problems):
-                continue
-            bar.set_description(planner.name)
-            planner.plan(instances.batch(slice(0, 1)))
-            for number, problem, plan in _plans(planner, instances, problems, step, there):
-                yield row_of(planner.name, number, problem, plan, timing)
-                bar.update()
+    numbered = {number: problem for part in parts for number, problem in enumerate(part.instances, part.first)}
+    check_done(done, names, numbered, timing)
+    with ProgressBar(total=len(names) * len(numbered), initial=len(done), unit="plan") as bar:
+        for part in parts:
+            for planner in part.planners:
+                there = set(done.instance[done.planner == planner.name])
+                missing = [n for n in range(part.first, part.first + len(part.instances)) if n not in there]
+                if not missing:
+                    continue
+                bar.set_description(planner.name)
+                planner.plan(part.instances.batch(slice(0, 1)))
+                for number, plan, cpu_s in _plans(planner, part, step, set(missing)):
+                    yield _row(part, planner.name, number, numbered[number], plan, timing, cpu_s)
+                    bar.update()
 
 
-def check_done(done: pd.DataFrame, names: list[str], problems: list[Problem], timing: Timing) -> None:
-    """Refuse rows that these planners, instances and timing cannot have made."""
+def check_done(done: pd.DataFrame, names: list[str], problems: Mapping[int, Problem], timing: Timing) -> None:
+    """Refuse rows that these planners, numbered instances and timing cannot have made."""
     known = done.planner.isin(names) & (done.timing == timing)
-    scenes = [_scene(problem) for problem in problems] if len(done) else []
+    scenes = {number: _scene(problem) for number, problem in problems.items()} if len(done) else {}
     for column in ("n_obstacles", "obstacles", "target"):
-        wanted = dict(enumerate((scene[column] for scene in scenes), 1))
-        known &= done[column] == done.instance.map(wanted)
+        known &= done[column] == done.instance.map({number: scene[column] for number, scene in scenes.items()})
     if not known.all():
         one = done[~known].iloc[0]
         raise InputError(f"rows: that of {one.planner} on instance {one.instance} is from another evaluation")
 
 
-def _plans(
-    planner: Planner, instances: InstanceSet, problems: list[Problem], step: int, there: Container[int]
-) -> Iterator[tuple[int, Problem, Plan]]:
-    """The number, problem and plan of each instance but those that have a row already."""
-    for first in range(0, len(problems), step):
-        part = list(enumerate(problems[first : first + step], first + 1))
-        if all(number in there for number, _ in part):
+def _plans(planner: Planner, part: Part, step: int, missing: Container[int]) -> Iterator[tuple[int, Plan, float]]:
+    """The number, the plan and the share of the CPU seconds of each instance that is missing."""
+    for start in range(0, len(part.instances), step):
+        batch: Batch = part.instances.batch(slice(start, start + step))
+        numbers = range(part.first + start, part.first + start + len(batch.target))
+        if not any(number in missing for number in numbers):
             continue
-        batch: Batch = instances.batch(slice(first, first + step))
-        for (number, problem), plan in zip(part, planner.plan(batch), strict=True):
-            if number not in there:
-                yield number, problem, plan
+        began = time.process_time()
+        plans = planner.plan(batch)
+        share = (time.process_time() - began) / len(plans)
+        for number, plan in zip(numbers, plans, strict=True):
+            if number in missing:
+                yield number, plan, share
+
+
+def _row(part: Part, planner: str, number: int, problem: Problem, plan: Plan, timing: Timing, cpu_s: float) -> Row:
+    """The row of one instance."""
+    row = row_of(planner, number, problem, plan, timing)
+    if not part.about:
+        return row
+    about = part.about[number - part.first]
+    _check_proof(f"{planner}, instance {number}", plan, about["optimum"])
+    return BenchmarkRow(**vars(row), **about, cpu_s=cpu_s)
+
+
+def _check_proof(where: str, plan: Plan, optimum: int | None) -> None:
+    """Refuse what contradicts a proved optimum; None: there is no plan."""
+    if plan.status is Status.SOLVED and (optimum is None or len(plan.moves) < optimum):
+        raise PlanError(f"{where}: a plan of {len(plan.moves)} moves, and {optimum or 'none'} is the proved optimum")
+    if (plan.status is Status.UNSOLVABLE and optimum is not None) or plan.optimal_moves not in (None, optimum):
+        raise PlanError(f"{where}: proved {plan.status} with {plan.optimal_moves} moves, and {optimum} is the optimum")
 
 
 def row_of(planner: str, number: int, problem: Problem, plan: Plan, timing: Timing) -> Row:

@@ -135,6 +135,8 @@ def _check_same_instances(runs: pd.DataFrame, same: list[str]) -> None:
 def _with_proofs(rows: pd.DataFrame, same: list[str]) -> pd.DataFrame:
     """Each row with what is known of its instance: whether anyone solved it, or proved it unsolvable, the optimum."""
     rows["solved"], rows["unsolvable"] = rows.status == "solved", rows.status == "unsolvable"
+    if "stratum" in rows:  # A benchmark knows what its instances are, and its rows agree with that.
+        return rows.assign(solvable=rows.optimum.notna(), unsolvable=rows.optimum.isna(), undecided=False)
     rows["optimum"] = rows.moves.where((rows.planner == "exact") & rows.solved)
     of_instance = rows.groupby([*same, "instance"])
     least, most = (of_instance.optimum.transform(one) for one in ("min", "max"))

@@ -48,6 +48,12 @@ def counted(rows: pd.DataFrame, of: str) -> Estimate:
     return replace(found, text=f"{known.sum():.0f} of {len(known)} [{found.low:.1f}, {found.high:.1f}] %")
 
 
+def over_strata(rows: pd.DataFrame, of: str) -> Estimate:
+    """The mean percentage over the benchmark's strata (optimum x density x layout x reach), each weighing the same."""
+    strata = numbers(rows, of).groupby([rows[key] for key in ("reach", "layout", "density", "stratum")])
+    return estimates.mean_of_shares(strata.sum(), strata.count()).scaled(100)
+
+
 def lacking(rows: pd.DataFrame, of: str) -> Estimate:
     """How many rows do not fulfil a condition, shown with how many there are: `2 of 50`."""
     missed = len(rows) - int(numbers(rows, of).sum())

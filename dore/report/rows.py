@@ -52,6 +52,22 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenchmarkRow(Row):
+    """A row of the benchmark.
+
+    reach: its name. density: obstacles, per cent of the cells. stratum: the class of its optimum. optimum: the proved
+    fewest moves; empty where it is proved that there is no plan. cpu_s: CPU seconds of planning and of the check
+    of the plan; of a batch, the mean.
+    """
+
+    reach: str
+    density: int
+    stratum: str
+    optimum: int | None
+    cpu_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class ExecutedRow(Row):
     """A row of a plan that the simulated arm carried out; `planning_s`: of all the plans that the loop made.
 
@@ -83,7 +99,8 @@ class ExecutedRow(Row):
     message: str
 
 
-EXECUTED_TEXT = ("outcome", "disturbance", "message")
+MORE_TEXT = ("outcome", "disturbance", "message", "reach", "stratum")
+"""Columns of text that some kinds of rows have."""
 ROW_COLUMNS = tuple(field.name for field in fields(Row))
 SCENE_COLUMNS = ("layout", "obstacles", "target")
 TEXT_COLUMNS = ("planner", "status", "reason", "timing", *SCENE_COLUMNS)
@@ -116,9 +133,9 @@ def read_rows(path: Path) -> pd.DataFrame:
         if wrong.any():
             got = rows[name][wrong.idxmax()]
             raise InputError(f"{path}, line {wrong.idxmax() + 2}: {name} {got!r}, want one of {', '.join(known)}")
-    for name in EXECUTED_TEXT:
+    for name in MORE_TEXT:
         if name in rows:
-            rows[name] = rows[name].fillna("")
+            rows[name] = rows[name].fillna("").astype(str)
     cut_off = (rows.target == "") & (rows.target != "").any()  # Version 0.1 has none in any row.
     if (lacking := rows[list(ROW_COLUMNS)].isna().any(axis=1) | cut_off).any():
         raise InputError(f"{path}, line {lacking.idxmax() + 2}: a value is missing")

@@ -1,5 +1,5 @@
-"""The tables that dore-evaluate prints: a study of one folder (conf/study/_evaluation.yaml, or _scene.yaml where an arm
-carried plans out), as plain text."""
+"""The tables that dore-evaluate prints: a study of one folder (conf/study/_evaluation.yaml, _benchmark.yaml, or
+_scene.yaml where an arm carried plans out), as plain text."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def evaluation_tables(folder: Path) -> str:
     Raises:
         InputError: no rows.csv, or a damaged one.
     """
-    name = "_scene" if "outcome" in read_rows(folder / ROWS_FILE) else "_evaluation"
+    columns = read_rows(folder / ROWS_FILE).columns
+    name = "_scene" if "outcome" in columns else "_benchmark" if "stratum" in columns else "_evaluation"
     spec: dict[str, Any] = yaml.safe_load((conf_dir() / "study" / f"{name}.yaml").read_text(encoding="utf-8"))
     sources = sources_of(spec, folder, folder)
     rows = sources["rows"].rows
