@@ -1,54 +1,107 @@
-"""Times the planners on the same instances, in one process, taking turns.
+"""Measures `exact` in CPU seconds of one thread, alone and in turn with that of an earlier commit.
 
-python -m scripts.bench_planners out=FOLDER [parts=[a,b,c,d,e]] [learned_model=FILE] [guided_model=FILE] [limit=N]
-FOLDER/PART/rows.csv has a row a plan, or in part c a planner; `dore-report study=planners` makes the page. A time is
-the wall time of `plan`, the replay of the plan included. Planners that are compared one instance at a time take turns,
-so that a machine's drift hits all alike. Parts b and d take long.
+python -m scripts.bench_planners out=FOLDER [parts=[latency,decided,growth,throughput,cold,against,agreement]] [limit=N]
+FOLDER/PART/rows.csv has a row a board; `dore-report study=planners` makes the page. Milliseconds: `search_ms` of one
+call from Python, `kernel_ms` of its compiled part, `plan_ms` with replay and `Plan`; `old_ms`: the earlier search.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import product
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
-from typing import Any
+from time import process_time
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from dore.app import build
 from dore.errors import InputError
 from dore.files import conf_dir
-from dore.planners.base import Planner
+from dore.planners.base import parts_of
+from dore.planners.exact import Exact
 from dore.report.measurements import write_measurements
-from dore.world.files import read_scene
-from dore.world.generator import Difficulty
-from dore.world.instances import InstanceSet
-from dore.world.plan import Status
-from dore.world.problem import Batch, Problem
-from scripts.program import planners_on, run
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.problem import Batch
+from dore.world.reach import Reach
+from scripts.program import composed, run
 
-SCENE = conf_dir() / "scenes" / "fig7.json"
 Rows = list[dict[str, Any]]
+PLAN = "import sys; from dore.{}cli import plan; sys.argv[:1] = ['dore-plan']; plan()"
+OLD = """
+import json, sys, time, torch
+from dore.layout import Layout
+from dore.planners.exact import Exact
+from dore.reach import Reach
+from dore.sampling import Batch
+torch.set_num_threads(1)
+for line in sys.stdin:
+    cells, cell_m, reach, limits, parts = json.loads(line)
+    planner, done = Exact(Reach(Layout(tuple(map(tuple, cells)), cell_m), **reach), *limits), []
+    for batch in [Batch(*map(torch.tensor, part)) for part in parts]:
+        began = time.process_time()
+        drafts = planner._drafts(batch)
+        ms = 1000 * (time.process_time() - began) / len(drafts)
+        done += [{"old_ms": ms, "old_status": draft.status, "old_moves": len(draft.moves)} for draft in drafts]
+    print(json.dumps(done), flush=True)
+"""
+"""What a process of the earlier commit does: a line a set of boards, in and out."""
+
+
+class Boards(NamedTuple):
+    """rows x cols cells, from `low` to `high` obstacles, under a reach of conf/."""
+
+    rows: int
+    cols: int
+    low: int
+    high: int
+    reach: str = "wide_hand"
+
+    def __str__(self) -> str:
+        obstacles = f"{self.low}" if self.low == self.high else f"{self.low}-{self.high}"
+        return f"{self.rows} x {self.cols}, {obstacles}{'' if self.reach == 'wide_hand' else f', {self.reach}'}"
+
+    def draw(self, n: int) -> tuple[Reach, Batch]:
+        """The reach, and `n` instances of the test split."""
+        size = [f"layout.rows={self.rows}", f"layout.cols={self.cols}", *["layout.front_m=0.57"] * (self.rows > 12)]
+        reach = build.reach_of(composed("evaluate", f"reach={self.reach}", "layout=3x6", *size), "cpu")
+        return reach, FreshInstances(reach, Difficulty(self.low, self.high), "test", 1).draw(n)
+
+
+def dense(rows: int, cols: int, percent: int, reach: str = "wide_hand") -> Boards:
+    """Boards of that many obstacles per 100 cells."""
+    return Boards(rows, cols, *2 * (max(1, rows * cols * percent // 100),), reach)
+
+
+SIX = [Boards(6, 6, 3, 8), Boards(8, 8, 3, 13), dense(8, 8, 30), dense(8, 8, 40), dense(10, 10, 30)]
+SIX.append(Boards(3, 6, 10, 10, "paper_fit"))
+TEN = [*SIX, dense(10, 10, 20), dense(10, 10, 40), Boards(3, 6, 10, 10), Boards(3, 6, 10, 10, "panda_slim")]
+HARD = [dense(n, n, percent) for n, percent in product((8, 10), (30, 40, 50))]
+HARD += [Boards(3, 6, n, n, reach) for n, reach in product((9, 10), ("wide_hand", "paper_fit"))]
+HARD += [dense(n, n, percent) for n, percent in product((12, 14, 16), (30, 40))]
+GROWING = [dense(n, n, 15) for n in (6, 8, 10, 12, 14, 16, 24, 32)]
+GROWING += [dense(8, 8, percent) for percent in (9, 20, 30, 41, 50, 59)]
+WORLDS = [*product([(3, 6), *((n, n) for n in range(5, 11))], ("wide_hand", "paper_fit", "published"))]
+WORLDS += [((3, 6), "panda_slim"), ((3, 6), "jaco"), ((3, 4), "panda")]
+ALL = [dense(*size, percent, reach) for (size, reach), percent in product(WORLDS, range(10, 70, 10))]
 
 
 @dataclass(frozen=True)
 class Options:
-    """out: the folder of the rows. limit: instances of a part at most. seed: of the instances.
-
-    learned_model: of b and c, for 6 x 6; guided_model: of d, for 8 x 8; the one in the package unless given.
-    """
+    """out: the folder of the rows. limit: instances of a set at most. commit: the earlier one."""
 
     out: Path
     parts: list[str] = field(default_factory=lambda: list(PARTS))
-    learned_model: Path | None = None
-    guided_model: Path | None = None
     limit: int = 10_000
-    seed: int = 0
+    commit: str = "dd256bb"
 
     def __post_init__(self) -> None:
         if unknown := [name for name in self.parts if name not in PARTS]:
@@ -57,113 +110,117 @@ class Options:
 
 def main(options: Options) -> None:
     """Run the parts that are asked for; write their rows."""
-    load = f"{os.getloadavg()[0]:.2f}"
-    models = {"6 x 6": options.learned_model, "8 x 8": options.guided_model}
-    named = "; ".join(f"{name}: {model or 'the one in the package'}" for name, model in models.items())
     for part in options.parts:
-        rows = PARTS[part](options)
-        write_measurements(options.out / part, rows, seed=options.seed, load_before=load, models=named, threads=1)
+        load = f"{os.getloadavg()[0]:.2f}"
+        write_measurements(options.out / part, PARTS[part](options), load_before=load, earlier=options.commit)
 
 
-def exact_alone(options: Options) -> Rows:
-    """Part a."""
-    return in_turn(*world(options, 1000, "8x8", Difficulty(13, 13), ["exact"]))
+@contextmanager
+def earlier(commit: str) -> Iterator[dict[str, Any]]:
+    """What a process needs so that its `dore` is that of the earlier commit."""
+    with TemporaryDirectory() as folder:
+        try:
+            made = subprocess.run(["git", "archive", commit], cwd=conf_dir().parent, check=True, capture_output=True)
+        except subprocess.CalledProcessError:
+            raise InputError(f"commit: {commit} is not in this checkout") from None
+        subprocess.run(["tar", "-x", "-C", folder], input=made.stdout, check=True)
+        yield {"env": {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": folder}, "cwd": folder}
 
 
-def learned_against_search(options: Options) -> Rows:
-    """Part b."""
-    names = ["graph_search", "learned"]
-    return in_turn(*world(options, 500, "6x6", Difficulty(9, 9), names, options.learned_model))
+def boards(
+    sets: list[Boards], n: int, limits: tuple[int, float, float], options: Options, old: bool = False, size: int = 1
+) -> Rows:
+    """A row a board, `size` of them planned at once; up to 500 of a set with few and many obstacles.
 
-
-def batched(options: Options) -> Rows:
-    """Part c: all instances at once."""
-    names = ["learned", "guided", "exact", "straight_line"]
-    planners, instances = world(options, 10_000, "6x6", Difficulty(3, 9), names, options.learned_model)
-    rows = []
-    for planner in tqdm(planners, desc="batched", unit="planner"):
-        planner.plan(instances.batch(slice(64)))
-        began = time.perf_counter()
-        plans = planner.plan(instances.batch())
-        seconds = time.perf_counter() - began
-        solved = sum(plan.status is Status.SOLVED for plan in plans)
-        rows.append({"planner": planner.name, "plans": len(plans), "solved": solved, "seconds": seconds})
+    old: the earlier commit plans each set between two times that this one does; the mean of both counts.
+    """
+    rows: Rows = []
+    with ExitStack() as stack:
+        if old:
+            there = stack.enter_context(earlier(options.commit))
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+            process = stack.enter_context(subprocess.Popen([sys.executable, "-c", OLD], **there, **pipes))
+        for one in tqdm(sets, unit="set"):
+            reach, batch = one.draw(min(options.limit, n if one.low == one.high else 500))
+            planner, parts = Exact(reach, *limits), parts_of(batch, size)
+            planner.plan(parts[0])[0]
+            found = [row for part in parts for row in planned(planner, part)]
+            if old:
+                layout, given = reach.layout, [[field.tolist() for field in part] for part in parts]
+                print(
+                    json.dumps([layout.cells, layout.cell_m, reach.to_dict(), limits, given]),
+                    file=process.stdin,
+                    flush=True,
+                )
+                for row, theirs in zip(found, json.loads(process.stdout.readline()), strict=True):
+                    row.update(theirs)
+                for row, again in zip(found, [row for part in parts for row in planned(planner, part)], strict=True):
+                    row["search_ms"] = (row["search_ms"] + again["search_ms"]) / 2
+            rows += [{"boards": str(one), **row} for row in found]
+        if old:
+            process.stdin.close()
     return rows
 
 
-def guided_alone(options: Options) -> Rows:
-    """Part d: with the proof of each instance."""
-    (guided, exact), instances = world(
-        options, 5000, "8x8", Difficulty(3, 13), ["guided", "exact"], options.guided_model
-    )
-    proofs = exact.plan(instances.batch())
+def planned(planner: Exact, batch: Batch) -> Rows:
+    """Boards searched, and planned, at once; the seconds are shared out evenly but for the compiled part's."""
+    began = process_time()
+    found = planner.find(batch)
+    middle = process_time()
+    plans = list(planner.plan(batch))
+    ms = {"search_ms": 1000 * (middle - began) / len(plans), "plan_ms": 1000 * (process_time() - middle) / len(plans)}
+    memory = {"memory_mb": int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20}
     return [
-        row | {"proof": str(proof.status), "optimum": proof.optimal_moves}
-        for row, proof in zip(in_turn([guided], instances), proofs, strict=True)
+        {"status": str(plan.status), "moves": len(plan.moves), "kernel_ms": ns / 1e6, **ms, **memory}
+        for plan, ns in zip(plans, found.cpu_ns.tolist(), strict=True)
     ]
 
 
-def cold_start(options: Options) -> Rows:
-    """Part e: processes, and the same scene again and again in this one."""
-    scene, rows = read_scene(SCENE), []
-    for name in ("learned", "guided"):
-        imports = process_seconds(sys.executable, "-c", f"import dore.app.cli, dore.app.plan, dore.planners.{name}")
-        command = Path(sys.executable).with_name("dore-plan")
-        with TemporaryDirectory() as folder:
-            words = (f"scene={SCENE}", f"planner={name}", "reach=wide_hand", f"out={folder}/plan.json")
-            whole_s = process_seconds(str(command), *words)
-        reach, (planner,) = planners_on("3x6", [name], None, f"layout.front_m={scene.layout.front_m}")
-        alone = Batch.of(Problem(scene, reach))
-        plans = [timed(planner, alone)["seconds"] for _ in range(min(100, options.limit))]
-        timings = [("process", whole_s), ("imports", imports), *(("plan", seconds) for seconds in plans)]
-        rows += [{"planner": name, "what": what, "seconds": seconds} for what, seconds in timings]
+def throughput(options: Options) -> Rows:
+    """All boards of a set at once, six times: the searches; with replay; and with each `Plan` made."""
+    reach, batch = Boards(8, 8, 3, 13).draw(options.limit)
+    planner, rows = Exact(reach, 10**7, 5.0, 2048.0), []
+    ways = {
+        "search": planner.find,
+        "with replay": planner.plan,
+        "with each Plan made": lambda all: [*planner.plan(all)],
+    }
+    for _, (name, work) in product(range(6), ways.items()):
+        began = process_time()
+        work(batch)
+        rows.append({"what": name, "plans": len(batch.target), "seconds": process_time() - began})
     return rows
+
+
+def cold(options: Options) -> Rows:
+    """dore-plan of both commits in turn, seven times after one that does not count: CPU seconds of the process."""
+    rows = []
+    with earlier(options.commit) as there:
+        words = [
+            f"scene={conf_dir()}/scenes/fig7.json",
+            "planner=exact",
+            "reach=wide_hand",
+            f"out={there['cwd']}/p.json",
+        ]
+        for _, (name, package, where) in product(range(8), (("earlier", "", there), ("now", "app.", {}))):
+            before = os.times()
+            subprocess.run(
+                [sys.executable, "-c", PLAN.format(package), *words], **where, check=True, capture_output=True
+            )
+            seconds = sum(after - began for after, began in zip(os.times()[2:4], before[2:4], strict=True))
+            rows.append({"commit": name, "seconds": seconds})
+    return rows[2:]
 
 
 PARTS: dict[str, Callable[[Options], Rows]] = {
-    "a": exact_alone,
-    "b": learned_against_search,
-    "c": batched,
-    "d": guided_alone,
-    "e": cold_start,
+    "latency": partial(boards, TEN, 120, (10**7, 5.0, 2048.0)),
+    "decided": partial(boards, HARD, 300, (10**7, 0.5, 2048.0)),
+    "growth": partial(boards, GROWING, 25, (10**7, 4.0, 2048.0)),
+    "throughput": throughput,
+    "cold": cold,
+    "against": partial(boards, SIX, 120, (10**7, 5.0, 1500.0), old=True),
+    "agreement": partial(boards, ALL, 140, (500, 60.0, 1500.0), old=True, size=140),
 }
-
-
-def world(
-    options: Options, most: int, layout: str, obstacles: Difficulty, planners: list[str], model: Path | None = None
-) -> tuple[list[Planner], InstanceSet]:
-    """Planners on a layout, and `most` instances of the test split, or fewer by the options' limit."""
-    reach, found = planners_on(layout, planners, model)
-    return found, InstanceSet.generate(reach, min(most, options.limit), obstacles, "test", options.seed)
-
-
-def in_turn(planners: list[Planner], instances: InstanceSet) -> Rows:
-    """A row a plan: the planners take turns, an instance at a time, after one that does not count."""
-    for planner in planners:
-        planner.plan(instances.batch(slice(1)))
-    return [
-        {"planner": planner.name, "instance": row + 1, **timed(planner, instances.batch(slice(row, row + 1)))}
-        for row in tqdm(range(len(instances)), unit="instance")
-        for planner in planners
-    ]
-
-
-def timed(planner: Planner, alone: Batch) -> dict[str, Any]:
-    """One plan, and the wall and CPU seconds that it took."""
-    began, cpu_began = time.perf_counter(), time.process_time()
-    (plan,) = planner.plan(alone)
-    seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
-    return {"status": str(plan.status), "moves": len(plan.moves), "seconds": seconds, "cpu_seconds": cpu_seconds}
-
-
-def process_seconds(*command: str) -> float:
-    """Median wall seconds of a program with one thread, run three times."""
-    taken = []
-    for _ in range(3):
-        began = time.perf_counter()
-        subprocess.run(command, check=True, capture_output=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
-        taken.append(time.perf_counter() - began)
-    return median(taken)
 
 
 if __name__ == "__main__":
