@@ -141,7 +141,10 @@ def boards(
             pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
             process = stack.enter_context(subprocess.Popen([sys.executable, "-c", OLD], **there, **pipes))
         for one in tqdm(sets, unit="set"):
-            reach, batch = one.draw(min(options.limit, n if one.low == one.high else 500))
+            try:
+                reach, batch = one.draw(min(options.limit, n if one.low == one.high else 500))
+            except InputError:  # So few obstacles block no target, or so many leave no move.
+                continue
             planner, parts = Exact(reach, *limits), parts_of(batch, size)
             planner.plan(parts[0])[0]
             found = [row for part in parts for row in planned(planner, part)]
