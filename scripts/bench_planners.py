@@ -1,8 +1,9 @@
-"""Measures `exact` in CPU seconds of one thread, alone and in turn with that of an earlier commit.
+"""Measures `exact` in CPU time of one thread, alone and in turn with that of an earlier commit.
 
-python -m scripts.bench_planners out=FOLDER [parts=[latency,decided,growth,throughput,cold,against,agreement]] [limit=N]
-FOLDER/PART/rows.csv has a row a board; `dore-report study=planners` makes the page. Milliseconds: `search_ms` of one
-call from Python, `kernel_ms` of its compiled part, `plan_ms` with replay and `Plan`; `old_ms`: the earlier search.
+python -m scripts.bench_planners out=FOLDER [parts=[latency,decided,...]] [limit=N]
+FOLDER/PART/rows.csv has a row a board; `dore-report study=planners` makes the page. Milliseconds of a search:
+`kernel_ms` of its compiled part, `search_ms` of the call from Python, `replay_ms` with the replay, `plan_ms` with a
+`Plan`; `old_ms` of the earlier search.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from pathlib import Path
+from resource import getpagesize
+from subprocess import PIPE
 from tempfile import TemporaryDirectory
 from time import process_time
 from typing import Any, NamedTuple
@@ -27,14 +30,18 @@ from dore.app import build
 from dore.errors import InputError
 from dore.files import conf_dir
 from dore.planners.base import parts_of
+from dore.planners.compiled import STATUS
 from dore.planners.exact import Exact
 from dore.report.measurements import write_measurements
 from dore.world.generator import Difficulty, FreshInstances
+from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from scripts.program import composed, run
 
 Rows = list[dict[str, Any]]
+Limits = tuple[int, float, float]
+"""Nodes, CPU seconds (wall seconds of the earlier commit) and MiB."""
 PLAN = "import sys; from dore.{}cli import plan; sys.argv[:1] = ['dore-plan']; plan()"
 OLD = """
 import json, sys, time, torch
@@ -65,10 +72,6 @@ class Boards(NamedTuple):
     high: int
     reach: str = "wide_hand"
 
-    def __str__(self) -> str:
-        obstacles = f"{self.low}" if self.low == self.high else f"{self.low}-{self.high}"
-        return f"{self.rows} x {self.cols}, {obstacles}{'' if self.reach == 'wide_hand' else f', {self.reach}'}"
-
     def draw(self, n: int) -> tuple[Reach, Batch]:
         """The reach, and `n` instances of the test split."""
         size = [f"layout.rows={self.rows}", f"layout.cols={self.cols}", *["layout.front_m=0.57"] * (self.rows > 12)]
@@ -86,7 +89,7 @@ SIX.append(Boards(3, 6, 10, 10, "paper_fit"))
 TEN = [*SIX, dense(10, 10, 20), dense(10, 10, 40), Boards(3, 6, 10, 10), Boards(3, 6, 10, 10, "panda_slim")]
 HARD = [dense(n, n, percent) for n, percent in product((8, 10), (30, 40, 50))]
 HARD += [Boards(3, 6, n, n, reach) for n, reach in product((9, 10), ("wide_hand", "paper_fit"))]
-HARD += [dense(n, n, percent) for n, percent in product((12, 14, 16), (30, 40))]
+LARGE = [dense(n, n, percent) for n, percent in product((12, 14, 16), (30, 40))]
 GROWING = [dense(n, n, 15) for n in (6, 8, 10, 12, 14, 16, 24, 32)]
 GROWING += [dense(8, 8, percent) for percent in (9, 20, 30, 41, 50, 59)]
 WORLDS = [*product([(3, 6), *((n, n) for n in range(5, 11))], ("wide_hand", "paper_fit", "published"))]
@@ -119,84 +122,64 @@ def main(options: Options) -> None:
 def earlier(commit: str) -> Iterator[dict[str, Any]]:
     """What a process needs so that its `dore` is that of the earlier commit."""
     with TemporaryDirectory() as folder:
-        try:
-            made = subprocess.run(["git", "archive", commit], cwd=conf_dir().parent, check=True, capture_output=True)
-        except subprocess.CalledProcessError:
-            raise InputError(f"commit: {commit} is not in this checkout") from None
+        made = subprocess.run(["git", "archive", commit], cwd=conf_dir().parent, capture_output=True)
+        if made.returncode:
+            raise InputError(f"commit: {commit} is not in this checkout")
         subprocess.run(["tar", "-x", "-C", folder], input=made.stdout, check=True)
         yield {"env": {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": folder}, "cwd": folder}
 
 
-def boards(
-    sets: list[Boards], n: int, limits: tuple[int, float, float], options: Options, old: bool = False, size: int = 1
-) -> Rows:
-    """A row a board, `size` of them planned at once; up to 500 of a set with few and many obstacles.
+def boards(sets: list[Boards], n: int, size: int, limits: Limits, old: bool, options: Options) -> Rows:
+    """A row a board, `size` of them at once. A set in which no target is blocked, or nothing can move, has none.
 
     old: the earlier commit plans each set between two times that this one does; the mean of both counts.
     """
     rows: Rows = []
     with ExitStack() as stack:
         if old:
-            there = stack.enter_context(earlier(options.commit))
-            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-            process = stack.enter_context(subprocess.Popen([sys.executable, "-c", OLD], **there, **pipes))
+            there, pipes = stack.enter_context(earlier(options.commit)), {"stdin": PIPE, "stdout": PIPE, "text": True}
+            other = stack.enter_context(subprocess.Popen([sys.executable, "-c", OLD], **there, **pipes))
         for one in tqdm(sets, unit="set"):
-            try:
-                reach, batch = one.draw(min(options.limit, n if one.low == one.high else 500))
-            except InputError:  # So few obstacles block no target, or so many leave no move.
-                continue
-            planner, parts = Exact(reach, *limits), parts_of(batch, size)
-            planner.plan(parts[0])[0]
-            found = [row for part in parts for row in planned(planner, part)]
-            if old:
-                layout, given = reach.layout, [[field.tolist() for field in part] for part in parts]
-                print(
-                    json.dumps([layout.cells, layout.cell_m, reach.to_dict(), limits, given]),
-                    file=process.stdin,
-                    flush=True,
-                )
-                for row, theirs in zip(found, json.loads(process.stdout.readline()), strict=True):
-                    row.update(theirs)
-                for row, again in zip(found, [row for part in parts for row in planned(planner, part)], strict=True):
-                    row["search_ms"] = (row["search_ms"] + again["search_ms"]) / 2
-            rows += [{"boards": str(one), **row} for row in found]
-        if old:
-            process.stdin.close()
+            with suppress(InputError):
+                reach, batch = one.draw(min(options.limit, n))
+                planner, parts = Exact(reach, *limits), parts_of(batch, size)
+                planner.plan(parts[0])
+                found = [row for part in parts for row in planned(planner, part)]
+                if old:
+                    given = [[field.tolist() for field in part] for part in parts]
+                    world = [reach.layout.cells, reach.layout.cell_m, reach.to_dict(), limits]
+                    print(json.dumps([*world, given]), file=other.stdin, flush=True)
+                    again = [row for part in parts for row in planned(planner, part)]
+                    for row, theirs, second in zip(found, json.loads(other.stdout.readline()), again, strict=True):
+                        row |= theirs | {key: (row[key] + second[key]) / 2 for key in ("search_ms", "kernel_ms")}
+                n_obstacles = f"{one.low}" if one.low == one.high else f"{one.low}-{one.high}"
+                names = {"cells": f"{one.rows} x {one.cols}", "obstacles": n_obstacles, "reach": one.reach}
+                rows += [names | row for row in found]
     return rows
 
 
 def planned(planner: Exact, batch: Batch) -> Rows:
-    """Boards searched, and planned, at once; the seconds are shared out evenly but for the compiled part's."""
+    """Boards planned at once; the time is shared out evenly, but for the compiled part's."""
     began = process_time()
     found = planner.find(batch)
-    middle = process_time()
-    plans = list(planner.plan(batch))
-    ms = {"search_ms": 1000 * (middle - began) / len(plans), "plan_ms": 1000 * (process_time() - middle) / len(plans)}
-    memory = {"memory_mb": int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20}
-    return [
-        {"status": str(plan.status), "moves": len(plan.moves), "kernel_ms": ns / 1e6, **ms, **memory}
-        for plan, ns in zip(plans, found.cpu_ns.tolist(), strict=True)
-    ]
-
-
-def throughput(options: Options) -> Rows:
-    """All boards of a set at once, six times: the searches; with replay; and with each `Plan` made."""
-    reach, batch = Boards(8, 8, 3, 13).draw(options.limit)
-    planner, rows = Exact(reach, 10**7, 5.0, 2048.0), []
-    ways = {
-        "search": planner.find,
-        "with replay": planner.plan,
-        "with each Plan made": lambda all: [*planner.plan(all)],
-    }
-    for _, (name, work) in product(range(6), ways.items()):
+    times = {"search_ms": process_time() - began}
+    ended = [STATUS.get(outcome, Status.GAVE_UP) for outcome in found.outcome.tolist()]
+    if set(ended) != {Status.GAVE_UP}:
         began = process_time()
-        work(batch)
-        rows.append({"what": name, "plans": len(batch.target), "seconds": process_time() - began})
-    return rows
+        plans = planner.plan(batch)
+        times["replay_ms"] = process_time() - began
+        list(plans)
+        times["plan_ms"] = process_time() - began
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    same = {key: 1000 * seconds / len(ended) for key, seconds in times.items()} | {
+        "memory_mb": pages * getpagesize() / 2**20
+    }
+    rows = zip(ended, found.n_moves.tolist(), found.cpu_ns.tolist(), strict=True)
+    return [{"status": str(status), "moves": moves, "kernel_ms": ns / 1e6, **same} for status, moves, ns in rows]
 
 
 def cold(options: Options) -> Rows:
-    """dore-plan of both commits in turn, seven times after one that does not count: CPU seconds of the process."""
+    """dore-plan of both commits in turn, five times after one that does not count: CPU seconds of the process."""
     rows = []
     with earlier(options.commit) as there:
         words = [
@@ -205,24 +188,23 @@ def cold(options: Options) -> Rows:
             "reach=wide_hand",
             f"out={there['cwd']}/p.json",
         ]
-        for _, (name, package, where) in product(range(8), (("earlier", "", there), ("now", "app.", {}))):
+        for _, (name, package, how) in product(range(6), (("earlier", "", there), ("now", "app.", {}))):
             before = os.times()
-            subprocess.run(
-                [sys.executable, "-c", PLAN.format(package), *words], **where, check=True, capture_output=True
-            )
-            seconds = sum(after - began for after, began in zip(os.times()[2:4], before[2:4], strict=True))
+            subprocess.run([sys.executable, "-c", PLAN.format(package), *words], **how, check=True, capture_output=True)
+            seconds = sum(os.times()[2:4]) - sum(before[2:4])
             rows.append({"commit": name, "seconds": seconds})
     return rows[2:]
 
 
 PARTS: dict[str, Callable[[Options], Rows]] = {
-    "latency": partial(boards, TEN, 120, (10**7, 5.0, 2048.0)),
-    "decided": partial(boards, HARD, 300, (10**7, 0.5, 2048.0)),
-    "growth": partial(boards, GROWING, 25, (10**7, 4.0, 2048.0)),
-    "throughput": throughput,
+    "latency": partial(boards, TEN, 200, 1, (10**7, 5.0, 2048.0), False),
+    "decided": partial(boards, HARD, 200, 1, (10**7, 0.5, 2048.0), False),
+    "larger": partial(boards, LARGE, 50, 1, (10**7, 0.5, 2048.0), False),
+    "growth": partial(boards, GROWING, 15, 1, (10**7, 4.0, 2048.0), False),
+    "throughput": partial(boards, 5 * [Boards(8, 8, 3, 13)], 10_000, 10_000, (10**7, 5.0, 2048.0), False),
     "cold": cold,
-    "against": partial(boards, SIX, 120, (10**7, 5.0, 1500.0), old=True),
-    "agreement": partial(boards, ALL, 140, (500, 60.0, 1500.0), old=True, size=140),
+    "against": partial(boards, SIX, 120, 1, (10**7, 5.0, 1500.0), True),
+    "agreement": partial(boards, ALL, 140, 140, (500, 60.0, 1500.0), True),
 }
 
 
