@@ -6,16 +6,25 @@ from functools import partial
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 
+from dore.app.build import MODEL
+from dore.app.training import trainer_of
 from dore.errors import InputError
+from dore.learn.agents.common import agent_from_config
+from dore.learn.checkpoint import save_model
 from dore.learn.features import encode, mirrored_cell
 from dore.learn.relations import RelationNet, graph_of
+from dore.planners.learned import Learned
 from dore.world.board import bit, pack
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.layout import Layout
+from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility
+from tests.app.test_conf import compose
 from tests.drawings import WIDE_HAND, wide_hand
+from tests.learn.test_worlds import SETTINGS, small
 
 SMALL = partial(RelationNet, width=8, blocks=2)
 ARC = tuple((0.5 + 0.13 * (i // 5) - 0.02 * abs(i % 5 - 2), 0.13 * (i % 5) - 0.24) for i in range(13))
@@ -142,6 +151,52 @@ def test_a_slot_has_the_value_of_its_obstacles_cell():
     planes = seen(reach, board, target)
     (slots, _), (cells, _) = net(planes), per_cell(planes)
     assert torch.equal(slots[0], cells[0, [2, 5, 17, 10]])
+
+
+TRAINED = (
+    *("layout.rows=3", "layout.cols=3", "instances.min_obstacles=1", "instances.max_obstacles=3", *SETTINGS),
+    *("network=relations", "agent.encoding=planes", "env.num_envs=4", "training.learning_starts=4"),
+    *("ipt.every_episodes=10000", "ipt.batch_size=5"),
+)
+BOTH_AGENTS = pytest.mark.parametrize("agent", ["agent=single", "agent=sequential", "agent.trunk=shared"])
+
+
+@BOTH_AGENTS
+def test_either_agent_learns_on_several_worlds_with_one_set_of_weights(agent):
+    trainer = trainer_of(compose("train", [*TRAINED, agent, *small("wide", 3, 4), "agent.symmetry=true"]))
+    first, second = (world.agent for world in trainer.worlds.values())
+    assert first.networks.state_dict().keys() == second.networks.state_dict().keys()
+    for _ in range(4):
+        before = [weight.detach().clone() for weight in second.networks.parameters()]
+        trainer.iterate()
+        assert any((old != new).any() for old, new in zip(before, second.networks.parameters(), strict=True))
+    assert all(one is other for one, other in zip(first.loss.parameters(), second.loss.parameters(), strict=True))
+
+
+@BOTH_AGENTS
+def test_a_saved_model_plans_on_any_reach(agent, tmp_path):
+    cfg = compose("train", [*TRAINED, agent])
+    trained = trainer_of(cfg).learner.agent
+    plain = OmegaConf.to_container(cfg, resolve=True)
+    save_model(tmp_path / "m.safetensors", trained.networks.state_dict(), {name: plain[name] for name in MODEL})
+    for reach in REACHES.values():
+        loaded = Learned(reach, tmp_path / "m.safetensors", 8)
+        board, target = boards(reach, 5)
+        pick = accessibility(reach, board, target).pick.long().argmax(-1)
+        expected = trained.on(reach).move_values(board, target, pick)
+        assert torch.equal(loaded.agent.move_values(board, target, pick), expected)
+        assert len(loaded.plan(Batch(board, target))) == 5
+
+
+def test_a_factory_that_wants_the_layout_is_told():
+    config = {"network": {"_target_": "tests.learn.test_relations.old_factory", "_partial_": True}}
+    agent = OmegaConf.to_container(compose("train", ["layout=3x6"]).agent, resolve=True)
+    with pytest.raises(InputError, match=r"^network: .*'reach'; want .* reach.layout is the layout$"):
+        agent_from_config({**config, "agent": agent}, wide_hand(3, 6))
+
+
+def old_factory(layout, n_planes, n_outputs):
+    """As networks were made in version 0.1."""
 
 
 @pytest.mark.parametrize(
