@@ -1,158 +1,164 @@
-"""Beam search over the boards of many instances at once, a layer a move, led by Q-values. `Guided` says the rest.
+"""Beam search by a policy's log-probabilities, over the boards of many instances at once, a layer a move.
 
-N denotes the boards of a layer, P pairs of a board and a pick, n the instances, W the words of a board, G the cells.
+N denotes the boards of a layer, M moves, n the instances, W the words of a board, G the cells.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from dore.planners.visited_set import SeenBoards, SeenBoardsFull
-from dore.world.board import bit, unpack
+from dore.planners.policies import Policy
+from dore.world.board import bit
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import accessibility, lift
-
-MoveValues = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""Boards Int64[P, W], targets and picks Int64[P] -> Float[P, G], the value of placing on each cell."""
+from dore.world.rules import accessibility, lift, retrievable
 
 
-class Found(NamedTuple):
-    """How a search ended, one entry an instance."""
+class Shape(NamedTuple):
+    """How much a beam keeps: boards of a layer, picks of a board, and places of a pick."""
 
-    moves: list[list[tuple[int, int]] | None]
-    """(pick, place) cells of a plan, if one was found."""
-    narrow: list[bool]
-    """Moves were left out because the beam was too narrow, or because time or memory ran out."""
-    cut: list[bool]
-    """Boards were left whose plans would have been longer than was asked for."""
-    expansions: list[int]
-    """Boards whose moves were generated."""
-    boards: list[int]
-    """Different boards seen."""
-    full: list[bool]
-    """The search ended because memory ran out."""
+    width: int
+    picks: int
+    places: int
+
+
+@dataclass
+class Search:
+    """How the search of an instance ends, or how far it is. seconds: of CPU; spent: its budget is."""
+
+    seen: set[tuple[int, ...]]
+    expansions: int = 0
+    seconds: float = 0.0
+    moves: list[tuple[int, int]] | None = None
+    spent: bool = False
+
+
+class _Moves(NamedTuple):
+    """Int64[M] boards (as indices), picks and places, Int64[M, W] boards after them, Float[M] log-probabilities."""
+
+    source: Tensor
+    pick: Tensor
+    place: Tensor
+    board: Tensor
+    log_p: Tensor
 
 
 class Beam:
-    """One search of some instances, which keeps the `width` most promising moves of each in every layer.
+    """One search of each instance, which keeps the most probable boards of every layer, none twice.
+
+    The probability of a move is a softmax over what can be picked times one over where it can be placed; that of a
+    board the product along the moves to it. A search ends at the first layer that holds a solution, of several the
+    most probable; or when a layer is empty; or when its budget is spent. Plans may be as long as it takes.
 
     Args:
-        start: boards and targets of instances whose target is not accessible.
-        max_moves: Int64[n]: the longest plan that is looked for.
-        max_megabytes: what the boards seen may take, MiB; a search that needs more ends there.
-        until: when to end, by `time.perf_counter`.
+        start: boards Int64[n, W] and targets Int64[n].
+        max_nodes: boards expanded of an instance; max_seconds: CPU seconds of an instance, one for each.
     """
 
     def __init__(
         self,
         reach: Reach,
-        values: MoveValues,
+        policy: Policy,
         start: Batch,
-        width: int,
-        max_moves: Tensor,
-        max_megabytes: float,
-        until: float,
+        shape: Shape,
+        max_nodes: Sequence[int],
+        max_seconds: Sequence[float],
     ) -> None:
-        self.reach, self.values, self.target = reach, values, start.target
-        self.width, self.max_moves, self.until = width, max_moves, until
+        self.reach, self.policy, self.target, self.shape = reach, policy, start.target, shape
+        self.max_nodes, self.max_seconds = max_nodes, max_seconds
+        self.searches = [Search({tuple(board)}) for board in start.board.tolist()]
+        self.tree: list[tuple[int, int, int]] = []
+        """Of every board but the first ones: the one before it, here, and the move."""
         n, device = len(start.target), start.board.device
-        self.seen = SeenBoards(start.board.shape[-1], max_megabytes, device)
-        row = torch.arange(n, device=device)
-        self.layer = self.seen.add(start.board, row, torch.full_like(row, -1), torch.zeros_like(row))
-        self.full = False
-        self.narrow, self.cut = torch.zeros(2, n, dtype=torch.bool, device=device)
-        self.expansions = torch.zeros(n, dtype=torch.int64, device=device)
-        self.parent = torch.full((n,), -1, dtype=torch.int64, device=device)
-        """Of solved instances, where `seen` keeps the board before the last move."""
-        self.last = torch.zeros(n, 2, dtype=torch.int64, device=device)
-        """Their last move."""
+        self.board, self.row = start.board, torch.arange(n, device=device)
+        self.log_p = torch.zeros(n, device=device)
+        self.node = [-1] * n
+        self.moved = torch.full((n,), -1, device=device)
+        """Int64[N]: where the last obstacle was placed; moving it at once again is one move too many."""
 
-    @torch.no_grad()
-    def run(self) -> Found:
-        """Search layer by layer until every instance is solved, exhausted or out of moves, time or memory."""
-        while len(self.layer):
-            row = self.seen.row[self.layer]
-            unsolved = self.parent[row] < 0
-            in_length = self.seen.moves[self.layer] < self.max_moves[row]
-            self.cut[row[unsolved & ~in_length]] = True
-            self.layer = self.layer[unsolved & in_length]
-            try:
-                self._expand()
-            except SeenBoardsFull:
-                self.full = True
-                break
-            if time.perf_counter() >= self.until:
-                break
-        row = self.seen.row[self.layer]
-        self.narrow[row[self.parent[row] < 0]] = True
-        return self._found()
-
-    def _found(self) -> Found:
-        solved, last = (self.parent >= 0).tolist(), self.last.tolist()
-        moves = [
-            [*before, (pick, place)] if one else None
-            for before, (pick, place), one in zip(self.seen.moves_to(self.parent), last, solved, strict=True)
-        ]
-        boards = self.seen.row[: self.seen.size].bincount(minlength=len(solved)).tolist()
-        full = [self.full and one is None for one in moves]
-        return Found(moves, self.narrow.tolist(), self.cut.tolist(), self.expansions.tolist(), boards, full)
+    @torch.inference_mode()
+    def run(self) -> list[Search]:
+        """Search layer by layer until every instance's search has ended."""
+        while len(self.row):
+            began = time.thread_time()
+            rows = self.row.tolist()
+            self._expand()
+            each = (time.thread_time() - began) / len(rows)
+            for row in rows:
+                self.searches[row].expansions += 1
+                self.searches[row].seconds += each
+            for row in set(rows):
+                search = self.searches[row]
+                over = search.expansions >= self.max_nodes[row] or search.seconds >= self.max_seconds[row]
+                search.spent = over and search.moves is None
+            self._keep([k for k, row in enumerate(self.row.tolist()) if not self.searches[row].spent])
+        return self.searches
 
     def _expand(self) -> None:
-        """The next layer; instances that a last move solves leave the search."""
-        board, row = self.seen.board[self.layer], self.seen.row[self.layer]
-        self.expansions.index_add_(0, row, torch.ones_like(row))
-        pick = accessibility(self.reach, board, self.target[row]).pick & ~unpack(
-            self.seen.just_placed(self.layer), self.reach.n_cells
-        )
-        source, cell = pick.nonzero(as_tuple=True)
-        row, target = row[source], self.target[row[source]]
-        lifted = lift(board[source], cell)
-        place = accessibility(self.reach, lifted, target).place & ~unpack(board[source], self.reach.n_cells)
-        self._finish(place & self._opens(lifted, target), self.layer[source], cell, row)
-        # Only the order of those that continue is asked of the network, which is most of the work.
-        going = (self.parent[row] < 0).nonzero().squeeze(-1)
-        if not len(going):
-            self.layer = self.layer[:0]
-            return
-        source, cell, row, lifted, place = (of_pair[going] for of_pair in (source, cell, row, lifted, place))
-        values = self.values(board[source], self.target[row], cell)
-        pair, to = place.nonzero(as_tuple=True)
-        best = self._best(values[pair, to], row[pair])
-        pair, to = pair[best], to[best]
-        after = lifted[pair] | bit(to, lifted.shape[-1])
-        parent = self.layer[source[pair]]
-        self.layer = self.seen.add(after, row[pair], parent, self.seen.moves[parent] + 1)
+        """The next layer."""
+        moves = self._top_moves()
+        row, log_p = self.row[moves.source], self.log_p[moves.source] + moves.log_p
+        solves = retrievable(self.reach, moves.board, self.target[row]).tolist()
+        order = log_p.argsort(descending=True, stable=True).tolist()
+        rows, boards, nodes = row.tolist(), moves.board.tolist(), [self.node[k] for k in moves.source.tolist()]
+        steps = list(zip(nodes, moves.pick.tolist(), moves.place.tolist(), strict=True))
+        for k in order:
+            if solves[k] and self.searches[rows[k]].moves is None:
+                self.searches[rows[k]].moves = self._moves_to(steps[k])
+        kept, room = [], dict.fromkeys(rows, self.shape.width)
+        for k in order:
+            search, board = self.searches[rows[k]], tuple(boards[k])
+            if search.moves is None and room[rows[k]] and board not in search.seen:
+                search.seen.add(board)
+                room[rows[k]] -= 1
+                kept.append(k)
+        self.node = list(range(len(self.tree), len(self.tree) + len(kept)))
+        self.tree += [steps[k] for k in kept]
+        of_kept = torch.tensor(kept, dtype=torch.int64, device=row.device)
+        self.row, self.board, self.log_p = row[of_kept], moves.board[of_kept], log_p[of_kept]
+        self.moved = moves.place[of_kept]
 
-    def _opens(self, lifted: Tensor, target: Tensor) -> Tensor:
-        """Bool[P, G]: cells on which a lifted obstacle leaves the target accessible."""
-        corridors = self.reach.blocking_sets[:, target]
-        free = (lifted & corridors).eq(0).all(-1)
-        opens = torch.zeros(len(target), self.reach.n_cells, dtype=torch.bool, device=lifted.device)
-        for corridor, is_open in zip(corridors, free, strict=True):
-            opens |= is_open[:, None] & ~unpack(corridor, self.reach.n_cells)
-        return opens
+    def _top_moves(self) -> _Moves:
+        """The most probable moves of each board."""
+        board, target = self.board, self.target[self.row]
+        cell = torch.arange(self.reach.n_cells, device=board.device)
+        allowed = accessibility(self.reach, board, target).pick & (cell != self.moved[:, None])
+        source, pick, first = _best(self.policy.pick_values(board, target), allowed, self.shape.picks)
+        board, target = board[source], target[source]
+        lifted = lift(board, pick)
+        allowed = accessibility(self.reach, lifted, target).place & (cell != pick[:, None])
+        pair, place, second = _best(self.policy.place_values(board, target, pick), allowed, self.shape.places)
+        after = lifted[pair] | bit(place, lifted.shape[-1])
+        return _Moves(source[pair], pick[pair], place, after, first[pair] + second)
 
-    def _finish(self, opens: Tensor, parent: Tensor, pick: Tensor, row: Tensor) -> None:
-        """End the instances that a Bool[P, G] move solves, by the first of these."""
-        some = opens.any(-1).nonzero().squeeze(-1)
-        some = some[row[some].argsort(stable=True)]
-        first = torch.ones_like(some, dtype=torch.bool)
-        first[1:] = row[some[1:]] != row[some[:-1]]
-        some = some[first]
-        self.parent[row[some]] = parent[some]
-        self.last[row[some]] = torch.stack([pick[some], opens[some].long().argmax(-1)], -1)
+    def _keep(self, kept: list[int]) -> None:
+        """Drop the other boards of the layer."""
+        if len(kept) < len(self.row):
+            of_kept = torch.tensor(kept, dtype=torch.int64, device=self.row.device)
+            self.node = [self.node[k] for k in kept]
+            self.row, self.board, self.log_p = self.row[of_kept], self.board[of_kept], self.log_p[of_kept]
+            self.moved = self.moved[of_kept]
 
-    def _best(self, values: Tensor, row: Tensor) -> Tensor:
-        """Which moves are kept: of each row the `width` most valued."""
-        order = values.argsort(descending=True, stable=True)
-        order = order[row[order].argsort(stable=True)]
-        per_row = row.bincount(minlength=len(self.narrow))
-        rank = torch.arange(len(row), device=row.device) - (per_row.cumsum(0) - per_row)[row[order]]
-        self.narrow |= per_row > self.width
-        return order[rank < self.width]
+    def _moves_to(self, step: tuple[int, int, int]) -> list[tuple[int, int]]:
+        """The (pick, place) cells that lead to a board, this step the last."""
+        node, *move = step
+        moves = [(move[0], move[1])]
+        while node >= 0:
+            node, pick, place = self.tree[node]
+            moves.append((pick, place))
+        return moves[::-1]
+
+
+def _best(values: Tensor, allowed: Tensor, most: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Of each row of Float[N, G] the `most` cells of highest value that Bool[N, G] allows: Int64[M] rows and cells, and
+    the logarithms of their probabilities, Float[M]."""
+    log_p = values.masked_fill(~allowed, -torch.inf).log_softmax(-1)
+    top, cells = log_p.topk(min(most, values.shape[-1]), -1)
+    row, rank = allowed.gather(-1, cells).nonzero(as_tuple=True)
+    return row, cells[row, rank], top[row, rank]

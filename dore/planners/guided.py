@@ -1,78 +1,54 @@
-"""Search led by the Q-networks: near-optimal plans in milliseconds, and proofs that there is no plan."""
+"""Exact search, and where that takes long a beam led by a learned policy."""
 
 from __future__ import annotations
 
 import os
 import time
 from dataclasses import dataclass
+from typing import Literal
 
-import torch
-
-from dore.errors import number, whole
-from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan
-from dore.planners.beam import Beam
-from dore.planners.compiled import glance
+from dore.errors import flag, number, one_of, whole
+from dore.planners.base import Planner, RawPlan
+from dore.planners.beam import Beam, Shape
+from dore.planners.compiled import raw_plan_of
 from dore.planners.learned import Learned
-from dore.world.episode import MAX_MOVES
+from dore.planners.policies import CostPolicy, NetworkPolicy, Policy, RandomPolicy
 from dore.world.kernels import slices
+from dore.world.kernels.search import search
+from dore.world.kernels.slices import Limits
+from dore.world.kernels.tables import unsigned
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
-WIDER = 4
-"""By how much a beam that found nothing, or may find a shorter plan, is widened."""
-
-
-@dataclass
-class _Attempt:
-    """How far the work on one instance is. fewest: no plan is shorter; proved: of the moves, or that there are none."""
-
-    fewest: int
-    moves: list[tuple[int, int]] | None = None
-    proved: bool = False
-    refusal: str = ""
-    """Why there is no plan, or none was found."""
-    spent: str = ""
-    """Which budget is, if one is."""
-    over: bool = False
-    expansions: int = 0
-    seconds: float = 0.0
-
-    def raw_plan(self) -> RawPlan:
-        """What came of it."""
-        if self.moves is not None:
-            optimal = len(self.moves) if self.proved else None
-            return RawPlan(self.moves, Status.SOLVED, self.seconds, self.expansions, optimal)
-        status = Status.UNSOLVABLE if self.proved else Status.GAVE_UP
-        return RawPlan([], status, self.seconds, self.expansions, reason=self.refusal)
+Values = Literal["network", "costs", "random"]
+BEAM_SHARE = 0.5
+"""Of the budget that the first exact search leaves, what the beam may use."""
 
 
 class Guided(Planner):
-    """Complete anytime beam search (Zhang, 1998) with Q-values as the heuristic.
+    """Three searches of an instance, within one budget: exact, for a moment; a beam; exact again with what is left.
 
-    A layer holds the boards after one move more. As in Q* (Agostinelli and others, 2021), a move is ranked by the
-    Q-value that the network gives it, so one pass ranks all places of a lifted obstacle and no board is made to be
-    judged. The `width` most valued moves of an instance make the next layer; boards seen before are dropped. Whether
-    a move makes the target accessible is not left to the network: every candidate is tested, so the first layer with a
-    solution gives the shortest plan within the beam.
-
-    If none is found the beam is widened and the search restarted, until a plan is found, or nothing had to be left
-    out, which proves that there is none, or the budget is spent. What `glance` proves unsolvable is not searched. A
-    plan as short as the fewest obstacles on any approach corridor of the target is optimal. A longer one may be
-    improved by a wider beam for `improve_seconds`; exhausting the shorter plans proves it too.
+    Most boards are decided by the first, with a proof (`dore.planners.exact`). The beam (`dore.planners.beam`) keeps
+    the `width` most probable boards of each layer, by a policy that ranks picks and places. Its plans are not proved to
+    be the shortest, unless they are as short as the exact search's lower bound. What it does not solve, and with
+    `improve` what it solves without a proof, goes to the exact search again.
 
     Args:
         reach: may differ from the one trained on.
         model: a run directory or a model file; None: the one in the package, which serves every layout.
-        width: moves kept in each layer by the first search.
+        values: what ranks moves: the model's networks, the corridor costs, or a random order.
+        temperature: by which the networks' values are divided to be logits of probabilities.
+        width, picks, places: boards of a layer, picks of a board and places of a pick that the beam keeps.
+        exact_seconds: CPU seconds of the first exact search.
+        improve: whether the exact search goes on for a shorter plan until the budget is spent.
         max_nodes: gives up on an instance after this many expanded boards.
-        max_seconds: gives up on an instance after this many wall seconds of its own.
-        max_moves: longest plan that the first two searches look for; each one after them looks twice as far.
-        max_memory_mb: what the boards seen may take at a time, MiB; instances searched when it runs out are given up.
-        improve_seconds: looks for a shorter plan until this many wall seconds of an instance are spent; 0: never.
+        max_seconds: gives up on an instance after this many CPU seconds of its own.
+        max_memory_mb: what the boards seen of an instance by the exact search may take, MiB.
+        seed: of `values=random`.
 
     Raises:
-        InputError: what `Learned` raises, or a number outside its domain.
+        InputError: what `Learned` raises, or a value outside its domain.
     """
 
     name = "guided"
@@ -82,77 +58,104 @@ class Guided(Planner):
         self,
         reach: Reach,
         model: str | os.PathLike[str] | None,
+        values: Values,
+        temperature: float,
         width: int,
+        picks: int,
+        places: int,
+        exact_seconds: float,
+        improve: bool,
         max_nodes: int,
         max_seconds: float,
-        max_moves: int,
         max_memory_mb: float,
-        improve_seconds: float,
+        seed: int,
     ) -> None:
         self.reach = reach
-        self.agent = Learned(
-            reach, model, max_moves=whole("planners.guided.max_moves", max_moves, 1, at_most=MAX_MOVES)
-        ).agent
-        self.width = whole("planners.guided.width", width, 1, at_most=4096)
-        self.max_nodes = whole("planners.guided.max_nodes", max_nodes, 1)
-        self.max_seconds = number("planners.guided.max_seconds", max_seconds, above=0.0, at_most=1e7)
-        self.max_moves = max_moves
-        self.max_megabytes = number("planners.guided.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7)
-        self.improve_seconds = number("planners.guided.improve_seconds", improve_seconds, above=-1e-12, at_most=1e7)
+        one_of("planners.guided.values", values, Values)
+        self.shape = Shape(
+            whole("planners.guided.width", width, 1, at_most=4096),
+            whole("planners.guided.picks", picks, 1, at_most=4096),
+            whole("planners.guided.places", places, 1, at_most=4096),
+        )
+        self.exact_seconds = number("planners.guided.exact_seconds", exact_seconds, above=0.0, at_most=1e7)
+        self.improve = flag("planners.guided.improve", improve)
+        self.limits = Limits(
+            seconds=number("planners.guided.max_seconds", max_seconds, above=0.0, at_most=1e7),
+            nodes=whole("planners.guided.max_nodes", max_nodes, 1),
+            megabytes=number("planners.guided.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7),
+        )
+        policies: dict[str, Policy] = {"costs": CostPolicy(reach), "random": RandomPolicy(reach, seed)}
+        temperature = number("planners.guided.temperature", temperature, above=0.0, at_most=1e6)
+        if values == "network":
+            policies[values] = NetworkPolicy(Learned(reach, model, max_moves=1).agent, temperature)
+        self.policy = policies[values]
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """Search them together until each is solved, refused or given up."""
+        """Search them one after the other where the search is exact, together in the beam."""
+        seconds = min(self.exact_seconds, self.limits.seconds)
+        tries = [_Try(*one) for one in self._exact(batch, self.limits._replace(seconds=seconds))]
+        if led := [row for row, one in enumerate(tries) if one.plan.status is Status.GAVE_UP and self._left(one)]:
+            self._lead(Batch(batch.board[led], batch.target[led]), [tries[row] for row in led])
+        for row in led:
+            one = tries[row]
+            solved = one.plan.status is Status.SOLVED
+            if one.again and (left := self._left(one)) and not (solved and (one.proved or not self.improve)):
+                ((plan, *_),) = self._exact(Batch(batch.board[row, None], batch.target[row, None]), left)
+                one.add(plan)
+        return [one.plan for one in tries]
+
+    def _exact(self, batch: Batch, limits: Limits) -> list[tuple[RawPlan, float, bool]]:
+        """A plan of each instance, its CPU seconds, and whether more of them would help."""
         began = time.perf_counter()
-        known = glance(self.reach, batch)
-        searches = [_Attempt(fewest) for fewest in known.fewest.tolist()]
-        for search, outcome in zip(searches, known.outcome.tolist(), strict=True):
-            search.proved = search.over = outcome in (slices.SOLVED, slices.LOCKED)
-            if outcome == slices.SOLVED:
-                search.moves = []
-            elif search.over:
-                search.refusal = LOCKED
-        width, longest = self.width, self.max_moves
-        while alive := [row for row, search in enumerate(searches) if not search.over]:
-            self._widen(batch, searches, alive, width, longest, began)
-            share = (time.perf_counter() - began) / len(alive)
-            for row in alive:
-                searches[row].seconds += share
-                self._judge(searches[row])
-            began = time.perf_counter()
-            # Wider before longer: what looks like no way in the beam is mostly a short one beside it.
-            width, longest = width * WIDER, 2 * longest if width > WIDER * self.width else longest
-        return [search.raw_plan() for search in searches]
+        target = batch.target.cpu().numpy()
+        found = slices.run(search, self.reach.table, unsigned(batch.board), target, limits)
+        share = (time.perf_counter() - began) / max(1, int(found.cpu_ns.sum()))
+        again = found.outcome == slices.OUT_OF_TIME
+        return [(raw_plan_of(found, row, share), found.cpu_ns[row] / 1e9, again[row]) for row in range(len(target))]
 
-    def _widen(
-        self, start: Batch, searches: list[_Attempt], alive: list[int], width: int, longest: int, began: float
-    ) -> None:
-        """One beam for those that are alive: any plan, or a shorter one than is known."""
-        ongoing = [searches[row] for row in alive]
-        most = [longest if one.moves is None else len(one.moves) - 1 for one in ongoing]
-        left = [(self.max_seconds if one.moves is None else self.improve_seconds) - one.seconds for one in ongoing]
-        rows = torch.tensor(alive, device=start.target.device)
-        part = Batch(start.board[rows], start.target[rows])
-        limit, until = torch.tensor(most, device=rows.device), began + max(left) * len(alive)
-        found = Beam(self.reach, self.agent.move_values, part, width, limit, self.max_megabytes, until).run()
-        for one, moves, narrow, cut, expansions, boards, full in zip(ongoing, *found, strict=True):
-            one.expansions += expansions
-            if moves is not None:
-                one.moves, one.proved = moves, len(moves) == one.fewest or len(moves) == 1
-            elif one.moves is not None:
-                one.proved = not narrow
-            elif not narrow and not cut:
-                one.proved, one.refusal = True, EXHAUSTED.format(boards)
-            if full:
-                one.spent = "memory budget"
+    def _lead(self, batch: Batch, tries: list[_Try]) -> None:
+        """The beam."""
+        began = time.perf_counter()
+        left = [self._left(one) or self.limits for one in tries]
+        seconds = [BEAM_SHARE * limits.seconds for limits in left]
+        beam = Beam(self.reach, self.policy, batch, self.shape, [limits.nodes for limits in left], seconds)
+        found = beam.run()
+        share = (time.perf_counter() - began) / max(sum(one.seconds for one in found), 1e-9)
+        for one, led in zip(tries, found, strict=True):
+            one.cpu_s += led.seconds
+            status = Status.GAVE_UP if led.moves is None else Status.SOLVED
+            one.add(RawPlan(led.moves or [], status, share * led.seconds, led.expansions, reason=one.plan.reason))
 
-    def _judge(self, search: _Attempt) -> None:
-        """Whether the work on an instance is over."""
-        if search.expansions >= self.max_nodes:
-            search.spent = "node budget"
-        elif search.seconds >= self.max_seconds:
-            search.spent = "time budget"
-        if search.moves is not None:
-            search.over = search.proved or bool(search.spent) or search.seconds >= self.improve_seconds
+    def _left(self, one: _Try) -> Limits | None:
+        """What is left of the budget; None: nothing."""
+        seconds, nodes = self.limits.seconds - one.cpu_s, self.limits.nodes - one.plan.expansions
+        return self.limits._replace(seconds=seconds, nodes=nodes) if seconds > 0 and nodes > 0 else None
+
+
+@dataclass
+class _Try:
+    """What is known of an instance. cpu_s: spent; again: more exact search may decide it."""
+
+    plan: RawPlan
+    cpu_s: float
+    again: bool
+
+    @property
+    def proved(self) -> bool:
+        """Whether no plan is shorter."""
+        return self.plan.optimal_moves is not None
+
+    def add(self, found: RawPlan) -> None:
+        """What another search has found: it says more only if it has decided the instance."""
+        spent = {
+            "planning_s": self.plan.planning_s + found.planning_s,
+            "expansions": self.plan.expansions + found.expansions,
+        }
+        bound = max(self.plan.lower_bound or 0, found.lower_bound or 0)
+        if found.status is Status.GAVE_UP:
+            kept = self.plan if self.plan.status is Status.SOLVED else self.plan._replace(lower_bound=bound)
         else:
-            search.over = search.proved or bool(search.spent)
-            search.refusal = search.refusal or search.spent
+            proved = found.optimal_moves is None and len(found.moves) == bound and found.status is Status.SOLVED
+            reason = "" if found.status is Status.SOLVED else found.reason
+            kept = found._replace(reason=reason, optimal_moves=bound if proved else found.optimal_moves)
+        self.plan = kept._replace(**spent)

@@ -13,13 +13,13 @@ import torch
 from torch import Tensor
 
 from dore.planners.base import EXHAUSTED, LOCKED, RawPlan
-from dore.planners.visited_set import SeenBoards
 from dore.world.board import bit, count, unpack
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, lift, retrievable
 from tests.oracles.bounds import DeleteRelaxation, fewest_blocking
+from tests.oracles.visited_set import SeenBoards
 
 SMALLEST, LARGEST = 128, 1024
 """Boards expanded together: few while a solution may be near, then as many as had that f before them."""

@@ -10,11 +10,11 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.planners.visited_set import distinct
 from dore.world import board as boards
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import retrievable
+from tests.oracles.visited_set import distinct
 
 MAX_SPARE = 4
 """Corridors with more moves to spare are assumed to be open, untested: they nearly always are."""

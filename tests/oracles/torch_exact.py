@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dore.errors import number, whole
 from dore.planners.base import Planner, RawPlan
-from dore.planners.visited_set import SeenBoardsFull
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from tests.oracles.astar import Search, SearchLimits
 from tests.oracles.bounds import DeleteRelaxation
+from tests.oracles.visited_set import SeenBoardsFull
 
 
 class TorchExact(Planner):

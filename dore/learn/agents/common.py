@@ -115,6 +115,10 @@ class Agent(ABC):
         """Stored transitions, with all that the loss needs."""
 
     @abstractmethod
+    def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
+        """Float[N, G]: the value of picking from each cell of boards Int64[N, W]; of an empty one it means nothing."""
+
+    @abstractmethod
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the value of picking from Int64[N] cells of Int64[N, W] boards and placing on each cell."""
 

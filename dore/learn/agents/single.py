@@ -15,6 +15,7 @@ from dore.learn.agents.common import Agent, Greedy, Hyperparameters, never_empty
 from dore.learn.features import mirrored_by_chance, n_planes, slot_of, slots
 from dore.learn.losses import Heads, SingleLoss
 from dore.learn.networks import NetworkFactory
+from dore.world import board as boards
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, legal_moves, legal_places
 
@@ -78,6 +79,13 @@ class Single(Agent):
         pick = Greedy(keys.SLOT, keys.SLOT_VALUE, keys.SLOT_MASK, self.n_slots, mode, device)
         place = Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, self.reach.n_cells, mode, device)
         self._set_policy(before_pick, modules["network"], pick, before_place, place)
+
+    def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
+        """Float[N, G]: Q1 of the obstacle on each cell; one past the last slot is valued as the last one."""
+        seen = self._observe(board, target, accessibility(self.reach, board, target).pick)
+        lower = boards.unpack(board, self.reach.n_cells).long().cumsum(-1) - 1
+        values: Tensor = self.networks["pick_place"](seen)[0].gather(1, lower.clamp(0, self.n_slots - 1))
+        return values
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: the mean of Q1 of an obstacle and Q2 of each cell, for Int64[N] picks on Int64[N, W] boards.

@@ -7,9 +7,9 @@ import random
 import pytest
 import torch
 
-from dore.planners import visited_set as seen
-from dore.planners.visited_set import SeenBoards, SeenBoardsFull
 from tests.drawings import wide_hand
+from tests.oracles import visited_set as seen
+from tests.oracles.visited_set import SeenBoards, SeenBoardsFull
 from tests.planners.test_exact import check_against_enumeration
 
 CPU = torch.device("cpu")
