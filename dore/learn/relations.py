@@ -21,6 +21,8 @@ from dore.world.reach import Reach
 
 OBSTACLES, TARGET = 0, 1
 """The planes in which an encoding shows them."""
+FEW = 8
+"""Boards up to which one slow operation is faster than one for each group of cells; it is not used to learn."""
 
 
 class Graph(NamedTuple):
@@ -28,6 +30,7 @@ class Graph(NamedTuple):
 
     order: Int64[G], the layout's cells in the graph's order; rank: Int64[G], where each of them is there.
     groups: how many cells have how many corridors, one after the other.
+    n_corridors: Int64[G], the same for each cell.
     owner: Int64[L], the cell (in the graph's order) that each corridor leads to.
     blocked_by: Float[L, G], 1 where an obstacle on the cell blocks the corridor.
     blocks: Float[G, L], the same turned round, divided by the root of how many corridors a cell blocks on average.
@@ -37,6 +40,7 @@ class Graph(NamedTuple):
     order: Tensor
     rank: Tensor
     groups: tuple[tuple[int, int], ...]
+    n_corridors: Tensor
     owner: Tensor
     blocked_by: Tensor
     blocks: Tensor
@@ -59,10 +63,10 @@ def graph_of(reach: Reach) -> Graph:
     cells = torch.from_numpy(order)
     where = (layout.centres - torch.tensor([layout.front_m, 0.0])).float()[cells]
     groups = tuple((len(list(same)), int(n)) for n, same in groupby(counts))
-    owner = torch.arange(n_cells).repeat_interleave(torch.from_numpy(counts))
-    tensors = (cells, cells.argsort(), owner, blocked_by, blocked_by.T.contiguous() / each**0.5, where)
-    order_, rank, owner, blocked_by, blocks, where = (tensor.to(reach.device) for tensor in tensors)
-    return Graph(order_, rank, groups, owner, blocked_by, blocks, where)
+    n_corridors = torch.from_numpy(counts)
+    owner = torch.arange(n_cells).repeat_interleave(n_corridors)
+    sides = (n_corridors, owner, blocked_by, blocked_by.T.contiguous() / each**0.5, where)
+    return Graph(cells.to(reach.device), cells.argsort().to(reach.device), groups, *(t.to(reach.device) for t in sides))
 
 
 class RelationNet(nn.Module):
@@ -146,8 +150,9 @@ class Messages(nn.Module):
         silu = nn.functional.silu
         n_cells, batch, width = hidden.shape
         hidden = self.norm(hidden)
-        blocking = (graph.blocked_by @ (self.from_standing(hidden) * standing).flatten(1)).view(-1, batch, width)
-        corridor = silu(blocking + self.from_owner(hidden).index_select(0, graph.owner))
+        owner = self.from_owner(hidden).flatten(1).index_select(0, graph.owner)
+        stands = (self.from_standing(hidden) * standing).flatten(1)
+        corridor = silu(torch.addmm(owner, graph.blocked_by, stands).view(-1, batch, width))
         best = best_corridors(graph, corridor)
         back = silu(self.from_corridor(corridor) + self.from_best(best).index_select(0, graph.owner))
         down = (graph.blocks @ back.flatten(1)).view(n_cells, batch, width)
@@ -159,6 +164,9 @@ class Messages(nn.Module):
 
 def best_corridors(graph: Graph, corridor: Tensor) -> Tensor:
     """Float[G, B, H]: the maximum over each cell's corridors Float[L, B, H]; 0 for a cell without one."""
+    if corridor.shape[1] <= FEW and not torch.is_grad_enabled():
+        found = torch.segment_reduce(corridor.flatten(1), "max", lengths=graph.n_corridors, axis=0, unsafe=True)
+        return found.nan_to_num_(neginf=0.0).view(-1, *corridor.shape[1:])
     parts = corridor.split([cells * corridors for cells, corridors in graph.groups])
     best = [
         part.unflatten(0, (cells, corridors)).amax(1) if corridors else part.new_zeros(cells, *part.shape[1:])

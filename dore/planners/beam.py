@@ -13,7 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from dore.planners.policies import Policy
+from dore.planners.priors import Prior
 from dore.world.board import bit
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -64,13 +64,13 @@ class Beam:
     def __init__(
         self,
         reach: Reach,
-        policy: Policy,
+        prior: Prior,
         start: Batch,
         shape: Shape,
         max_nodes: Sequence[int],
         max_seconds: Sequence[float],
     ) -> None:
-        self.reach, self.policy, self.target, self.shape = reach, policy, start.target, shape
+        self.reach, self.prior, self.target, self.shape = reach, prior, start.target, shape
         self.max_nodes, self.max_seconds = max_nodes, max_seconds
         self.searches = [Search({tuple(board)}) for board in start.board.tolist()]
         self.tree: list[tuple[int, int, int]] = []
@@ -129,11 +129,11 @@ class Beam:
         board, target = self.board, self.target[self.row]
         cell = torch.arange(self.reach.n_cells, device=board.device)
         allowed = accessibility(self.reach, board, target).pick & (cell != self.moved[:, None])
-        source, pick, first = _best(self.policy.pick_values(board, target), allowed, self.shape.picks)
+        source, pick, first = _best(self.prior.pick_values(board, target), allowed, self.shape.picks)
         board, target = board[source], target[source]
         lifted = lift(board, pick)
         allowed = accessibility(self.reach, lifted, target).place & (cell != pick[:, None])
-        pair, place, second = _best(self.policy.place_values(board, target, pick), allowed, self.shape.places)
+        pair, place, second = _best(self.prior.place_values(board, target, pick), allowed, self.shape.places)
         after = lifted[pair] | bit(place, lifted.shape[-1])
         return _Moves(source[pair], pick[pair], place, after, first[pair] + second)
 

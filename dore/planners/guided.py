@@ -12,7 +12,7 @@ from dore.planners.base import Planner, RawPlan
 from dore.planners.beam import Beam, Shape
 from dore.planners.compiled import raw_plan_of
 from dore.planners.learned import Learned
-from dore.planners.policies import CostPolicy, NetworkPolicy, Policy, RandomPolicy
+from dore.planners.priors import CostPrior, NetworkPrior, Prior, RandomPrior
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
 from dore.world.kernels.slices import Limits
@@ -84,11 +84,11 @@ class Guided(Planner):
             nodes=whole("planners.guided.max_nodes", max_nodes, 1),
             megabytes=number("planners.guided.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7),
         )
-        policies: dict[str, Policy] = {"costs": CostPolicy(reach), "random": RandomPolicy(reach, seed)}
+        priors: dict[str, Prior] = {"costs": CostPrior(reach), "random": RandomPrior(reach, seed)}
         temperature = number("planners.guided.temperature", temperature, above=0.0, at_most=1e6)
         if values == "network":
-            policies[values] = NetworkPolicy(Learned(reach, model, max_moves=1).agent, temperature)
-        self.policy = policies[values]
+            priors[values] = NetworkPrior(Learned(reach, model, max_moves=1).agent, temperature)
+        self.prior = priors[values]
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """Search them one after the other where the search is exact, together in the beam."""
@@ -118,7 +118,7 @@ class Guided(Planner):
         began = time.perf_counter()
         left = [self._left(one) or self.limits for one in tries]
         seconds = [BEAM_SHARE * limits.seconds for limits in left]
-        beam = Beam(self.reach, self.policy, batch, self.shape, [limits.nodes for limits in left], seconds)
+        beam = Beam(self.reach, self.prior, batch, self.shape, [limits.nodes for limits in left], seconds)
         found = beam.run()
         share = (time.perf_counter() - began) / max(sum(one.seconds for one in found), 1e-9)
         for one, led in zip(tries, found, strict=True):

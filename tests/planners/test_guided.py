@@ -14,7 +14,7 @@ from dore.learn.checkpoint import SHIPPED
 from dore.planners.beam import Beam, Shape
 from dore.planners.exact import Exact
 from dore.planners.guided import Guided
-from dore.planners.policies import CostPolicy, RandomPolicy
+from dore.planners.priors import CostPrior, RandomPrior
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.instances import InstanceSet, problems_of
 from dore.world.plan import Status, replay
@@ -118,24 +118,24 @@ def test_an_accessible_target_needs_no_moves():
     assert (plan.status, plan.moves, plan.optimal_moves, plan.expansions) == (Status.SOLVED, (), 0, 0)
 
 
-def beam(reach: Reach, policy, batch: Batch, width: int):
+def beam(reach: Reach, prior, batch: Batch, width: int):
     n = len(batch.target)
-    return Beam(reach, policy, batch, Shape(width, 3, 4), [10_000] * n, [20.0] * n).run()
+    return Beam(reach, prior, batch, Shape(width, 3, 4), [10_000] * n, [20.0] * n).run()
 
 
 def test_the_beam_of_a_batch_is_that_of_its_rows():
     reach = wide_hand(6, 6)
     batch = FreshInstances(reach, Difficulty(6, 14), "validation", 1).draw(20)
-    together = beam(reach, CostPolicy(reach), batch, 8)
+    together = beam(reach, CostPrior(reach), batch, 8)
     for row, one in enumerate(together):
-        (alone,) = beam(reach, CostPolicy(reach), Batch(batch.board[row, None], batch.target[row, None]), 8)
+        (alone,) = beam(reach, CostPrior(reach), Batch(batch.board[row, None], batch.target[row, None]), 8)
         assert (one.moves, one.expansions) == (alone.moves, alone.expansions)
 
 
 def test_costs_lead_better_than_nothing():
     reach = wide_hand(6, 6)
     batch = FreshInstances(reach, Difficulty(6, 12), "validation", 1).draw(40)
-    led, blind = (beam(reach, policy, batch, 8) for policy in (CostPolicy(reach), RandomPolicy(reach, 0)))
+    led, blind = (beam(reach, prior, batch, 8) for prior in (CostPrior(reach), RandomPrior(reach, 0)))
     assert sum(one.expansions for one in led) < 0.8 * sum(one.expansions for one in blind)
 
 

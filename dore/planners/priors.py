@@ -18,7 +18,7 @@ from dore.world.reach import Reach
 from dore.world.rules import lift
 
 
-class Policy(Protocol):
+class Prior(Protocol):
     """Values of moves on Int64[N, W] boards with Int64[N] targets; of moves that are not legal they mean nothing."""
 
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
@@ -28,7 +28,7 @@ class Policy(Protocol):
         """Float[N, G]: of placing what stands on Int64[N] cells on each cell."""
 
 
-class NetworkPolicy:
+class NetworkPrior:
     """A trained agent's. Q-values are no logits of probabilities, so they are divided by a temperature.
 
     Raises:
@@ -48,7 +48,7 @@ class NetworkPolicy:
         return self.agent.move_values(board, target, pick) / self.temperature
 
 
-class CostPolicy:
+class CostPrior:
     """By the approach-corridor costs if the cell were emptied, or filled; no network."""
 
     def __init__(self, reach: Reach) -> None:
@@ -63,7 +63,7 @@ class CostPolicy:
         return -corridor_costs(self.reach, lift(board, pick), target).changed.float()
 
 
-class RandomPolicy:
+class RandomPrior:
     """Nothing leads.
 
     Raises:
