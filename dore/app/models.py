@@ -12,7 +12,7 @@ from typing import Any
 
 from omegaconf import ListConfig
 
-from dore.app.run_folder import LEARNING, read_config
+from dore.app.run_folder import LATER, LEARNING, read_config
 from dore.configure import leaves
 from dore.errors import InputError, path_of
 from dore.files import CONFIG_FILE, DONE_FILE
@@ -113,5 +113,5 @@ def _learned(model: Model) -> str:
     """What a model has learned from, but for its seed; the whole config where there is one, else the model file's."""
     config: Mapping[Any, Any] = model.config()
     if model.path is not None and (model.path / CONFIG_FILE).exists():
-        config = {key: value for key, value in read_config(model.path).items() if key in (*LEARNING, "worlds")}
+        config = {key: value for key, value in read_config(model.path).items() if key in (*LEARNING, *LATER)}
     return json.dumps({key: str(value) for key, value in leaves(config) if key != "seed"}, sort_keys=True)

@@ -43,7 +43,9 @@ LEARNING = (
     *("layout", "reach", "instances", "agent", "network", "seed"),
     *("training", "ipt", "buffer", "env", "exploration", "optimizer", "target_update"),
 )
-"""The keys of a run's config that say what it learns, beside `worlds`, which runs of version 0.1 do not have."""
+"""The keys of a run's config that say what it learns, and that every run has."""
+LATER = ("worlds", "teacher", "init")
+"""More of them, which runs of earlier versions do not have."""
 BUDGET_KEYS = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
 """Those of its budget, which alone may change when it is resumed."""
 _WRITTEN = (CONFIG_FILE, ABOUT_FILE, METRICS_FILE, DONE_FILE, CURVE_FILE, "tensorboard", "wandb")
@@ -185,7 +187,7 @@ def changed_keys() -> dict[str, str]:
 def learning_keys(cfg: DictConfig) -> dict[str, Any]:
     """Every dotted key that says what a run learns and how, but for its budget; a checkpoint holds them too."""
     plain = OmegaConf.to_container(OmegaConf.create(OmegaConf.to_yaml(cfg, resolve=True)))  # As a file holds them.
-    learns = {name: node for name, node in cast(dict[str, Any], plain).items() if name in (*LEARNING, "worlds")}
+    learns = {name: node for name, node in cast(dict[str, Any], plain).items() if name in (*LEARNING, *LATER)}
     return {key: value for key, value in leaves(renamed(learns)) if key not in BUDGET_KEYS}
 
 
@@ -207,7 +209,7 @@ def check_learns(who: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> No
     Raises:
         InputError: they do not; names the first key that differs.
     """
-    added = [key for key in now if key.startswith("worlds.") and key not in was]
+    added = [key for key in now if key.split(".")[0] in LATER and key not in was and now[key] is not None]
     for key in (*was, *added):
         if now.get(key) != was.get(key):
             raise InputError(f"{who} was started with {key}={was.get(key)}, not {now.get(key)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -10,9 +11,10 @@ from omegaconf import DictConfig
 
 from dore.app.build import WORLD, check_sections, reach_of, splits_of, use_threads
 from dore.configure import call, make
-from dore.errors import InputError, flag, number, seed_of, shown, whole
+from dore.errors import InputError, flag, number, path_of, seed_of, shown, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.budget import Budget
+from dore.learn.checkpoint import load_model
 from dore.learn.learner import Learner
 from dore.learn.memory import memory_for
 from dore.learn.trainer import MAIN, Trainer
@@ -47,6 +49,8 @@ def trainer_of(cfg: DictConfig) -> Trainer:
         settings[str(name)] = _further_setting(str(name), node, cfg.device)
     torch.manual_seed(cfg.seed)
     agent = agent_from_config(cfg, settings[MAIN][0])
+    if cfg.get("init") is not None:
+        _begin_with(agent, path_of("init", cfg.init))
     learner = Learner(
         agent=agent,
         # The updater comes before the first loss: TorchRL warns otherwise.
@@ -59,6 +63,21 @@ def trainer_of(cfg: DictConfig) -> Trainer:
         for name, (reach, splits) in settings.items()
     }
     return Trainer(learner, worlds, epsilon, budget)
+
+
+def _begin_with(agent: Agent, model: Path) -> None:
+    """Give an agent a model's weights.
+
+    Raises:
+        InputError: no such model, a damaged one, or one of other networks.
+    """
+    weights, _ = load_model(model)
+    try:
+        agent.networks.load_state_dict(weights)
+    except RuntimeError as error:
+        why = str(error).splitlines()[0]
+        raise InputError(f"init: {model} is not for the networks of this config ({why})") from None
+    agent.loss.restart_targets()
 
 
 def _check_numbers(cfg: DictConfig) -> None:
@@ -124,4 +143,5 @@ def _trained_world(cfg: DictConfig, agent: Agent, reach: Reach, splits: Instance
     with memory_for("env.num_envs", cfg.env.num_envs):
         env = make(cfg.env, "env", reach=reach, source=source)
     evaluator = make(cfg.ipt, "ipt", instances=splits.validation(reach))
-    return World(env, agent, make(cfg.buffer, "buffer"), evaluator, budget)
+    teacher = None if cfg.get("teacher") is None else call(make(cfg.teacher, "teacher"), "teacher", reach=reach)
+    return World(env, agent, make(cfg.buffer, "buffer"), evaluator, budget, teacher)

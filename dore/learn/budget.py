@@ -10,6 +10,7 @@ from dore.learn.averaging import decay_of
 
 Precision = Literal["float32", "bfloat16"]
 Keep = Literal["best", "last"]
+Clock = Literal["wall", "cpu"]
 Unit = Literal["round", "step", "episode"]
 """What is stored before the next updates: a step of all environments, a step of one, or a whole episode."""
 
@@ -43,6 +44,8 @@ class Budget:
 
     min_episodes: before these no test ends the run: plans get shorter after success is high (paper: 0).
     max_episodes: T_lim. max_minutes: of training, None for no limit.
+    clock: what minutes and seconds are counted by: the wall's clock, or the CPU time of this process, which is fair
+        between runs on a busy machine.
     fill: transitions of uniformly random play that are stored before anything counts (Algorithm 2, line 1; Table 5's
         replay start size), in each world.
     learning_starts: transitions in a world's buffer before its first update.
@@ -70,7 +73,8 @@ class Budget:
     max_grad_norm: float | None
     averaging: float | None
     precision: Precision
-    lr_end: float = 1.0  # Run folders of version 0.1 do not name it.
+    lr_end: float = 1.0  # Run folders of version 0.1 do not name it,
+    clock: Clock = "wall"  # nor those of 0.2 this.
 
     def __post_init__(self) -> None:
         for name in ("min_episodes", "fill"):
@@ -86,3 +90,4 @@ class Budget:
         one_of("training.update_after", self.update_after, Unit)
         one_of("training.keep", self.keep, Keep)
         one_of("training.precision", self.precision, Precision)
+        one_of("training.clock", self.clock, Clock)

@@ -12,6 +12,7 @@ from torchrl.objectives.utils import HardUpdate, TargetNetUpdater
 from dore.learn.agents.common import Agent
 from dore.learn.averaging import AveragedWeights
 from dore.learn.budget import Budget
+from dore.learn.teachers.exact import Lessons
 
 DECODED_AT_ONCE = 8192
 """Transitions, of which each takes some kilobytes once it is decoded."""
@@ -42,22 +43,22 @@ class Learner:
         for group, first in zip(self.optimizer.param_groups, self._first_rates, strict=True):
             group["lr"] = first * (1.0 - (1.0 - self.budget.lr_end) * spent)
 
-    def learn(self, sample: TensorDictBase, agent: Agent) -> list[Tensor]:
+    def learn(self, sample: TensorDictBase, lessons: Agent | Lessons) -> list[Tensor]:
         """One update for each batch of a sample; their losses.
 
-        agent: the learner's, on the reach of the world that the sample is from.
+        lessons: the learner's agent on the reach of the world that the sample is from, or its teacher there.
         """
         size = self.budget.batch_size
         losses: list[Tensor] = []
         # Decoded many at once, which is costly in small batches, but in bounded parts.
         for rows in sample.split(max(1, DECODED_AT_ONCE // size) * size):
-            decoded, first = agent.decode(rows), 0
+            decoded, first = lessons.decode(rows), 0
             while first < len(decoded):
                 batches = decoded[first : first + size * self._updates_to_next_copy()]
-                if len(batches) > size:
+                if len(batches) > size and isinstance(lessons, Agent):
                     with self._autocast():
-                        batches = agent.loss.with_targets(batches)
-                losses += [self.update(batch, agent) for batch in batches.split(size)]
+                        batches = lessons.loss.with_targets(batches)
+                losses += [self.update(batch, lessons) for batch in batches.split(size)]
                 first += len(batches)
         return losses
 
@@ -72,17 +73,18 @@ class Learner:
         # TorchRL copies once every this-many-plus-one updates.
         return int(self.targets.value_network_update_interval - self.targets.counter) + 1
 
-    def update(self, batch: TensorDictBase, agent: Agent) -> Tensor:
-        """One update from a batch that the agent has decoded; its loss."""
+    def update(self, batch: TensorDictBase, lessons: Agent | Lessons) -> Tensor:
+        """One update from a decoded batch; its loss."""
         with self._autocast():
-            loss = agent.loss(batch)
+            loss = lessons.loss(batch)
         total: Tensor = loss["loss_pick"] + loss["loss_place"]
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()
         if self.budget.max_grad_norm is not None:
             nn.utils.clip_grad_norm_(self.agent.networks.parameters(), self.budget.max_grad_norm)
         self.optimizer.step()
-        self.targets.step()
+        if lessons.bootstraps:
+            self.targets.step()
         self.averaged.step()
         return total.detach()
 

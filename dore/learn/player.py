@@ -16,6 +16,7 @@ from dore.learn.agents.common import Agent
 from dore.learn.budget import Unit
 from dore.learn.env import RearrangeEnv
 from dore.learn.replay import compact, rows_of, tensors_of
+from dore.learn.teachers.exact import ExactTeacher
 
 
 class Burst(NamedTuple):
@@ -63,8 +64,8 @@ class Player:
     lasts.
     """
 
-    def __init__(self, env: RearrangeEnv, agent: Agent, unit: Unit) -> None:
-        self.env, self.agent = env, agent
+    def __init__(self, env: RearrangeEnv, agent: Agent, unit: Unit, teacher: ExactTeacher | None = None) -> None:
+        self.env, self.agent, self.teacher = env, agent, teacher
         self.unit = unit
         self._observed: TensorDictBase | None = None
         self._waiting: TensorDictBase | None = None
@@ -80,10 +81,14 @@ class Player:
         """One step of every environment."""
         self.agent.set_epsilon(epsilon)
         observed = self.env.observation() if self._observed is None else self._observed
-        step, self._observed = self.env.step_and_maybe_reset(self.agent.policy(observed))
-        rows = compact(step, self.agent.stored, self.env.reach.n_cells)
+        acted = self.teacher.act(observed, self.agent.policy) if self.teacher else self.agent.policy(observed)
+        step, self._observed = self.env.step_and_maybe_reset(acted)
         done = step["next", keys.DONE].squeeze(-1)
         n = self.env.batch_size[0]
+        if self.teacher:
+            rows = self.teacher.kept(step, self.agent)
+            return Burst(rows, torch.tensor([len(rows)]), done.sum().cpu()[None])
+        rows = compact(step, self.agent.stored, self.env.reach.n_cells)
         if self.unit == "episode":
             return self._whole_episodes(rows, done)
         if self.unit == "step":

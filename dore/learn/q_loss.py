@@ -124,6 +124,11 @@ class QLoss(LossModule):
         other.__dict__.update(online, _online=dict(online))
         return other
 
+    def restart_targets(self) -> None:
+        """Make the target networks what the online ones are."""
+        for name in self._online:
+            getattr(self, f"target_{name}_params").data.update_(getattr(self, f"{name}_params").data)
+
     @property
     def in_keys(self) -> list[NestedKey]:
         """The keys that `forward` reads; `dispatch` names its arguments after them."""
@@ -150,9 +155,17 @@ class QLoss(LossModule):
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
         """loss_pick and loss_place of a decoded batch, or of one with its targets."""
-        online: Values = {}
+        return self.losses_of(tensordict, self.online_values(tensordict))
+
+    def online_values(self, batch: TensorDictBase) -> Values:
+        """The values of all heads, by their keys."""
+        found: Values = {}
         for name in self._online:
-            online |= self._run(name, tensordict)
+            found |= self._run(name, batch)
+        return found
+
+    def losses_of(self, tensordict: TensorDictBase, online: Values) -> TensorDict:
+        """`forward`, where the online values are known."""
         ahead = PICK_TARGET in tensordict.keys(True)
         return self._losses(tensordict, tensordict if ahead else self._with_targets(tensordict, online), online)
 

@@ -86,11 +86,12 @@ class Trainer:
         Raises:
             Diverged: the loss is NaN or infinite.
         """
-        progress, before = self.progress, time.perf_counter() - self.progress.seconds
+        clock = time.process_time if self.budget.clock == "cpu" else time.perf_counter
+        progress, before = self.progress, clock() - self.progress.seconds
         while not self.spent():
             tests_before = progress.episodes // self.test_every
             self.iterate()
-            progress.seconds = time.perf_counter() - before
+            progress.seconds = clock() - before
             # Before the first update there is nothing to test.
             due = progress.updates > 0 and progress.episodes // self.test_every > tests_before
             tested = self.run_test() if due else None
@@ -167,7 +168,7 @@ class Trainer:
         budget = self.budget
         with memory_for("training.batch_size", f"{budget.batch_size} x training.updates {budget.updates}"):
             sample = world.draw(burst)
-            losses = [] if sample is None else self.learner.learn(sample, world.agent)
+            losses = [] if sample is None else self.learner.learn(sample, world.lessons)
         if losses:
             self.progress.updates += len(losses)
             self.progress.loss = float(torch.stack(losses).mean())

@@ -15,6 +15,7 @@ from dore.learn.evaluator import PerformanceTest, TestResult
 from dore.learn.memory import memory_for
 from dore.learn.player import Burst, Player, burst_of, burst_state
 from dore.learn.replay import buffer_state, check_uniform, draw_in_order, load_buffer, restore
+from dore.learn.teachers.exact import ExactTeacher, Lessons
 
 
 class World:
@@ -26,21 +27,32 @@ class World:
         buffer: the replay; uniform, or with a `sample` of its own, which only `update_after=round` calls.
         evaluator: tests on the validation instances.
         budget: how much is stored and drawn, and when.
+        teacher: labels what is played, on this world's reach; None: the learner learns from its rewards alone.
 
     Raises:
-        InputError: a sampler that is not uniform, or a `sample` of its own that would not be called.
+        InputError: a sampler that is not uniform, a `sample` of its own that would not be called, or a teacher with
+            updates after anything else than a round.
     """
 
     def __init__(
-        self, env: RearrangeEnv, agent: Agent, buffer: ReplayBuffer, evaluator: PerformanceTest, budget: Budget
+        self,
+        env: RearrangeEnv,
+        agent: Agent,
+        buffer: ReplayBuffer,
+        evaluator: PerformanceTest,
+        budget: Budget,
+        teacher: ExactTeacher | None = None,
     ) -> None:
         check_uniform(buffer)
+        if teacher and budget.update_after != "round":
+            raise InputError(f"training.update_after: got {budget.update_after}, want round with a teacher")
         if budget.update_after != "round" and type(buffer).sample is not ReplayBuffer.sample:
             raise InputError(
                 f"training.update_after: {budget.update_after} draws by itself, want round for this buffer"
             )
         self.env, self.agent, self.buffer, self.evaluator, self.budget = env, agent, buffer, evaluator, budget
-        self.player = Player(env, agent, budget.update_after)
+        self.player = Player(env, agent, budget.update_after, teacher)
+        self.lessons = Lessons(teacher, agent) if teacher else agent
         self.filled = self.env_steps = self._steps = 0
         self._left: Burst | None = None
 
@@ -100,6 +112,8 @@ class World:
             return self.player.play(epsilon)
 
     def _store(self, rows: TensorDictBase) -> None:
+        if not len(rows):
+            return  # Nothing of it had a label.
         with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
             self.buffer.extend(rows)
 

@@ -9,14 +9,13 @@ from dore.configure import make
 from dore.errors import InputError, path_of, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
-from dore.learn.rollout import Rollout, greedy_rollout
+from dore.learn.rollout import greedy_rollout
 from dore.planners.base import Planner, RawPlan
+from dore.planners.policy import raw_plan_of
 from dore.world.episode import MAX_MOVES
 from dore.world.layout import Layout
-from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import Failure
 
 
 class Learned(Planner):
@@ -65,12 +64,3 @@ class Learned(Planner):
         rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         return [raw_plan_of(rollout, row, share) for row in range(len(batch.target))]
-
-
-def raw_plan_of(rollout: Rollout, row: int, planning_s: float) -> RawPlan:
-    """A greedy episode as a raw plan."""
-    moves, solved = rollout.moves(row), bool(rollout.solved[row])
-    failure = Failure(int(rollout.failure[row]))
-    reason = "" if solved else "move budget" if failure is Failure.NONE else failure.name.lower().replace("_", " ")
-    status = Status.SOLVED if solved else Status.GAVE_UP
-    return RawPlan(moves, status, planning_s, expansions=len(moves), reason=reason)

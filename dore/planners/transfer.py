@@ -20,7 +20,8 @@ from dore.learn.worlds import World
 from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan
 from dore.planners.compiled import glance
 from dore.planners.instance_memory import InstanceMemory, Returning
-from dore.planners.learned import Learned, raw_plan_of
+from dore.planners.learned import Learned
+from dore.planners.policy import raw_plan_of
 from dore.world.instances import InstanceSet
 from dore.world.kernels import slices
 from dore.world.plan import Status

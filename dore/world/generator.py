@@ -154,16 +154,16 @@ class FreshInstances(InstanceSource):
 
 def split_share(board: Tensor, reach: Reach) -> Tensor:
     """Float64[B]: each board's place in [0, 1), the same for a board and its mirror image (splitmix64)."""
-    share = _hash(board)
+    share = hashed(board)
     if reach.mirror is not None:
         mirrored = unpack(board, reach.n_cells)[:, reach.mirror]
-        share = torch.minimum(share, _hash(pack(mirrored)))
+        share = torch.minimum(share, hashed(pack(mirrored)))
     # The lower of two uniform numbers is not uniform: 1 - (1 - u)^2 is.
     return 1 - (1 - share) ** 2 if reach.mirror is not None else share
 
 
-def _hash(board: Tensor) -> Tensor:
-    """Float64[B] in [0, 1) from Int64[B, W]."""
+def hashed(board: Tensor) -> Tensor:
+    """Float64[B] in [0, 1) from Int64[B, W] (splitmix64)."""
     value = torch.zeros_like(board[:, 0])
     for word in range(board.shape[1]):
         value = value + board[:, word] - 7046029254386353131

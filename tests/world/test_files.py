@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -41,6 +42,16 @@ def test_a_plan_comes_back(path: Path) -> None:
     torch.testing.assert_close(back.scene.layout.centres, FIG_7.layout.centres, rtol=0, atol=1e-9)
     write_plan(path, back)
     assert read_plan(path).plan == FIG_7_PLAN
+
+
+def test_files_of_before_there_were_lower_bounds_and_metres_are_read(path: Path) -> None:
+    bounded = dataclasses.replace(FIG_7_PLAN, status=Status.GAVE_UP, target_direction_deg=None, lower_bound=5)
+    write_plan(path, PlanFile(FILE.problem, bounded))
+    assert read_plan(path).plan == bounded
+    data = json.loads(path.read_text())
+    del data["lower_bound"], data["base_frame"]
+    path.write_text(json.dumps(data))
+    assert read_plan(path).plan == dataclasses.replace(bounded, lower_bound=None)
 
 
 def test_files_hold_the_papers_ids(path: Path) -> None:

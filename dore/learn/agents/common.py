@@ -76,6 +76,8 @@ class Agent(ABC):
     """The online networks."""
     stored: tuple[str | keys.Key, ...]
     """The keys that the buffer keeps of a step."""
+    bootstraps = True
+    """Whether the loss uses the target networks."""
     choosers: list[Greedy]
     """Steps of the policy: what is picked, where it is placed."""
 

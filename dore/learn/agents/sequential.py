@@ -105,17 +105,22 @@ class Sequential(Agent):
         place = Greedy(keys.PLACE, keys.PLACE_VALUE, keys.PLACE_MASK, cells, mode, device)
         self._set_policy(before_pick, modules["pick"], pick, before_place, modules["place"], place)
 
+    def pick_observation(self, board: Tensor, target: Tensor) -> Tensor:
+        """Float[N, C, G]: what Q_p sees of Int64[N, W] boards: [s, m_p]."""
+        return self._observe(board, target, accessibility(self.reach, board, target).pick)
+
+    def place_observation(self, lifted: Tensor, target: Tensor) -> Tensor:
+        """Float[N, C, G]: what Q_l sees of Int64[N, W] boards without the lifted obstacle: [s', m_l]."""
+        return self._observe(lifted, target, accessibility(self.reach, lifted, target).place)
+
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
         """Float[N, G]: Q_p of each cell on Int64[N, W] boards; of one that cannot be picked it means nothing."""
-        pickable = accessibility(self.reach, board, target).pick
-        values: Tensor = self._head("pick")(self._observe(board, target, pickable))[0]
+        values: Tensor = self._head("pick")(self.pick_observation(board, target))[0]
         return values
 
     def move_values(self, board: Tensor, target: Tensor, pick: Tensor) -> Tensor:
         """Float[N, G]: Q_l of each cell for the obstacle on Int64[N] cells of Int64[N, W] boards, once it is lifted."""
-        lifted = lift(board, pick)
-        placeable = accessibility(self.reach, lifted, target).place
-        values: Tensor = self._head("place")(self._observe(lifted, target, placeable))[0]
+        values: Tensor = self._head("place")(self.place_observation(lift(board, pick), target))[0]
         return values
 
     def decode(self, batch: TensorDictBase) -> TensorDict:

@@ -14,6 +14,7 @@ from dore.world.kernels.slices import (
     EXCESS,
     EXPANSIONS,
     LOCKED,
+    MAX_MOVES,
     N_MOVES,
     ROW,
     RUNNING,
@@ -30,7 +31,6 @@ from dore.world.kernels.slices import (
 )
 from dore.world.kernels.store import (
     DONE,
-    MOST_MOVES,
     MOVES,
     NOBODY,
     NOWHERE,
@@ -62,7 +62,7 @@ def begin(table: Table, board: Board, target: int, work: Work, store: Store) -> 
         fewest = min(fewest, count(both(row(table.corridors[target, d], board), board)))
     at[BOUND] = at[BUDGET] = fewest
     queue(store, 0, fewest, add(store, board, -1, 0, NOWHERE))
-    return RUNNING
+    return TOO_LONG if fewest > work.limits[MAX_MOVES] else RUNNING
 
 
 @kernel
@@ -77,7 +77,7 @@ def next_budget(work: Work, store: Store) -> int:
     at[BUDGET] = next_excess(store, at[BOUND] + at[EXCESS])
     if at[BUDGET] == NOBODY:
         return UNSOLVABLE
-    return TOO_LONG if at[BOUND] + at[EXCESS] == MOST_MOVES else RUNNING
+    return TOO_LONG if at[BOUND] + at[EXCESS] > work.limits[MAX_MOVES] else RUNNING
 
 
 @kernel

@@ -43,7 +43,7 @@ SOLVED, UNSOLVABLE, LOCKED, OUT_OF_TIME, OUT_OF_NODES, OUT_OF_MEMORY, TOO_LONG, 
 goes on, that the slice is over, or that the store has to grow first."""
 
 ROW, STARTED, BOUND, EXCESS, BUDGET, EXPANSIONS, SPENT_NS, NEXT_LOOK = range(8)
-MAX_NS, MAX_NODES, MAX_ROOM = range(3)
+MAX_NS, MAX_NODES, MAX_ROOM, MAX_MOVES = range(4)
 STATUS, N_MOVES, N_EXPANSIONS, N_SEEN, FEWEST, CPU_NS = range(6)
 
 FIRST_ROOM = 512
@@ -56,7 +56,7 @@ class Work(NamedTuple):
     """The state of a search of B boards, and its results.
 
     at: int64[8], the row of the board in work and how far it is.
-    limits: int64[3], for each board: CPU nanoseconds; nodes; how many nodes the store may hold.
+    limits: int64[4], for each board: CPU nanoseconds; nodes; how many nodes the store may hold; moves of a plan.
     found: int64[B, 6], of each board: how it ended; moves of the plan; boards expanded; boards seen; the fewest moves
         that are not ruled out; CPU nanoseconds.
     moves: int32[B, 2 * MOST_MOVES], the plans, (pick, place) in turn.
@@ -192,7 +192,7 @@ def run(kernel: Callable[..., int], table: Table, boards: np.ndarray, targets: n
     ways, store = first_room(nodes, words)
     work = Work(
         np.zeros(8, np.int64),
-        np.array([limits.seconds * 1e9, min(limits.nodes, 2**62), most_room], np.int64),
+        np.array([limits.seconds * 1e9, min(limits.nodes, 2**62), most_room, MOST_MOVES - 1], np.int64),
         np.zeros((len(boards), 6), np.int64),
         np.empty((len(boards), 2 * MOST_MOVES), np.int32),
         np.empty(table.corridors.shape[1], np.int64),
