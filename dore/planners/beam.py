@@ -1,4 +1,4 @@
-"""Beam search by a policy's log-probabilities, over the boards of many instances at once, a layer a move.
+"""Beam search by a prior's log-probabilities, over the boards of many instances at once, a layer a move.
 
 N denotes the boards of a layer, M moves, n the instances, W the words of a board, G the cells.
 """

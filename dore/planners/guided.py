@@ -1,4 +1,4 @@
-"""Exact search, and where that takes long a beam led by a learned policy."""
+"""Exact search, and where that takes long a beam led by a trained network."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import os
 import time
 from dataclasses import dataclass
 from typing import Literal
+
+import torch
 
 from dore.errors import flag, number, one_of, whole
 from dore.planners.base import Planner, RawPlan
@@ -30,7 +32,7 @@ class Guided(Planner):
     """Three searches of an instance, within one budget: exact, for a moment; a beam; exact again with what is left.
 
     Most boards are decided by the first, with a proof (`dore.planners.exact`). The beam (`dore.planners.beam`) keeps
-    the `width` most probable boards of each layer, by a policy that ranks picks and places. Its plans are not proved to
+    the `width` most probable boards of each layer, by a prior over picks and places. Its plans are not proved to
     be the shortest, unless they are as short as the exact search's lower bound. What it does not solve, and with
     `improve` what it solves without a proof, goes to the exact search again.
 
@@ -89,6 +91,11 @@ class Guided(Planner):
         if values == "network":
             priors[values] = NetworkPrior(Learned(reach, model, max_moves=1).agent, temperature)
         self.prior = priors[values]
+        # Compiles what is not compiled yet, so that no plan's time holds that.
+        nothing = torch.empty(0, dtype=torch.int64)
+        self._exact(Batch(nothing.view(0, reach.n_words), nothing), self.limits)
+        with torch.inference_mode():
+            self.prior.pick_values(nothing.view(0, reach.n_words), nothing)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """Search them one after the other where the search is exact, together in the beam."""

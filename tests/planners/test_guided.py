@@ -90,18 +90,24 @@ def test_plans_are_as_long_as_it_takes():
     assert all(plan.status is Status.SOLVED for plan in long)
 
 
-@pytest.mark.parametrize("budget", [{"max_seconds": 0.2, "exact_seconds": 0.05}, {"max_nodes": 40}])
-def test_the_budget_holds(budget):
-    """An expansion of a large board takes some milliseconds."""
-    reach = wide_hand(12, 12, 0.1)
-    batch = FreshInstances(reach, Difficulty(72, 72), "test", 0).draw(4)
-    planner = guided(reach, **budget)
+def test_the_budget_of_seconds_holds():
+    reach = wide_hand(8, 8)
+    batch = FreshInstances(reach, Difficulty(36, 36), "test", 0).draw(8)
+    planner = guided(reach, values="random", exact_seconds=AT_ONCE, max_seconds=0.05)
     began = time.thread_time()
     plans = planner.plan(batch)
-    assert time.thread_time() - began < 4 * (0.2 if "max_seconds" in budget else 2.0) + 1.0
-    assert all(plan.expansions <= budget.get("max_nodes", 1e9) + KEYS["width"] for plan in plans)
-    reasons = {plan.reason for plan in plans if plan.status is Status.GAVE_UP}
-    assert reasons <= {"time budget", "node budget"}
+    assert time.thread_time() - began < 8 * 0.05 + 0.5
+    assert {plan.reason for plan in plans if plan.status is Status.GAVE_UP} <= {"time budget"}
+
+
+def test_the_budget_of_boards_holds():
+    reach = wide_hand(8, 8)
+    batch = FreshInstances(reach, Difficulty(32, 32), "test", 0).draw(20)
+    plans = guided(reach, values="random", exact_seconds=AT_ONCE, max_nodes=20).plan(batch)
+    assert all(plan.expansions <= 20 + KEYS["width"] for plan in plans)
+    given_up = [plan for plan in plans if plan.status is Status.GAVE_UP]
+    assert given_up
+    assert {plan.reason for plan in given_up} <= {"time budget", "node budget"}
 
 
 def test_what_is_given_up_has_its_lower_bound():
