@@ -142,11 +142,8 @@ def _check_keys_fit(cfg: DictConfig) -> None:
 
 def _own_config(folder: Path, given: DictConfig) -> DictConfig:
     """An evaluation's own config, in which nothing may differ: rows of two kinds would be in one file."""
-    cfg = run_folder.read_config(
+    return run_folder.read_config(
         folder,
         expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"),
         known=(*map(str, given), "arm"),
     )
-    if (changes := run_folder.changes()) and not jobs.in_sweep():  # A job's folder is named after them.
-        raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")
-    return cfg
