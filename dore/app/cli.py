@@ -56,9 +56,16 @@ def _main(name: str) -> None:
         code = sweep.conclude()
         if code is None:
             raise
-        print(f"dore-{name}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"dore-{name}: {_why_the_launcher_ended(error)}", file=sys.stderr)
         sys.exit(max(code, ExitCode.FAILED))
     sys.exit(max([composed, *codes, sweep.conclude() or 0]))
+
+
+def _why_the_launcher_ended(error: Exception) -> str:
+    """An error of a sweeper or a launcher, in a line; joblib's calls any signal a segmentation fault."""
+    if type(error).__name__ == "TerminatedWorkerError":
+        return "a process of the launcher was ended from outside, by a signal or for its memory"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _check_groups(overrides: list[str]) -> int:
