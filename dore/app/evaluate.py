@@ -39,9 +39,9 @@ class BenchmarkEvaluation(NamedTuple):
             raise InputError(f"split: got {cfg.split}, want test: the benchmark has no other boards")
         if cfg.get("arm") is not None:
             raise InputError("instances: got benchmark, want another where an arm carries plans out")
-        for name in ("layout", "reach"):
+        for name, key in (("layout", "layouts"), ("reach", "reaches")):
             if cfg.get(name) is not None:
-                raise InputError(f"{name}: has no effect on instances=benchmark, want instances.{name}s=[NAME]")
+                raise InputError(f"{name}: has no effect on instances=benchmark, want instances.{key}=[NAME]")
         sets = benchmark.sets(cfg.limit, cfg.device)
         return cls(sets, [build.planners_of(cfg, one.instances.reach) for one in sets], Timing(cfg.timing))
 
