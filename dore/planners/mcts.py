@@ -1,15 +1,12 @@
 """Monte-Carlo tree search over boards, by PUCT, with a network's priors or uniform ones.
 
-P denotes pairs of a board and a pick, G the cells, E the moves of a node.
+P denotes pairs of a board and a pick, G the cells.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import time
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -18,116 +15,13 @@ from dore.errors import InputError, number, shown, whole
 from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import EXHAUSTED, Planner, RawPlan
 from dore.planners.policy import opening_places
+from dore.planners.tree import Leaf, Tree, number_of, words_of
 from dore.world.board import unpack
-from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, lift, retrievable
 
 PRIORS = ("network", "uniform")
-
-
-class Leaf(NamedTuple):
-    """What a board offers. moves: Int64[E, 2]; priors: Float32[E]; value: of the board; opening: a winning move."""
-
-    moves: np.ndarray
-    priors: np.ndarray
-    value: float
-    opening: tuple[int, int] | None
-
-
-@dataclass
-class Node:
-    """A board of the tree, and its moves. alive: those that may still lead to a board that is not in the tree."""
-
-    board: int
-    leaf: Leaf
-    visits: np.ndarray
-    totals: np.ndarray
-    alive: np.ndarray
-    children: dict[int, Node] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, board: int, leaf: Leaf) -> Node:
-        n = len(leaf.moves)
-        return cls(board, leaf, np.zeros(n, np.int32), np.zeros(n, np.float32), np.ones(n, bool))
-
-    def best(self, c_puct: float) -> int:
-        """The move of the largest PUCT score; one that was not tried counts as the board itself."""
-        seen = self.visits > 0
-        means = np.where(seen, self.totals / np.maximum(self.visits, 1), self.leaf.value)
-        spread = self.leaf.priors * math.sqrt(1 + int(self.visits.sum())) / (1 + self.visits)
-        return int(np.where(self.alive, means + c_puct * spread, -np.inf).argmax())
-
-
-Path = list[tuple[Node, int]]
-"""Nodes from the root on, and the move that is made at each."""
-
-
-@dataclass
-class Tree:
-    """The search of one instance. seen: boards of the tree, each of which is in it once, reached by its first way."""
-
-    start: int
-    seen: set[int]
-    root: Node | None = None
-    path: Path = field(default_factory=list)
-    plan: list[tuple[int, int]] | None = None
-    over: bool = False
-    reason: str = ""
-    exhausted: bool = False
-    expansions: int = 0
-    wall_s: float = 0.0
-    cpu_s: float = 0.0
-
-    def select(self, c_puct: float) -> int | None:
-        """Walk to a board that is not in the tree; None where there is none left."""
-        while self.root is not None:
-            self.path, node = [], self.root
-            while True:
-                if not node.alive.any():
-                    break
-                edge = node.best(c_puct)
-                self.path.append((node, edge))
-                if edge not in node.children:
-                    pick, place = node.leaf.moves[edge].tolist()
-                    board = node.board & ~(1 << pick) | 1 << place
-                    if board not in self.seen:
-                        return board
-                    break
-                node = node.children[edge]
-            if not self.path:
-                return None
-            parent, edge = self.path[-1]
-            parent.alive[edge] = False
-        return self.start
-
-    def grow(self, board: int, leaf: Leaf, gamma: float) -> None:
-        """Put a board in, and hand its value back to the nodes before it."""
-        self.expansions += 1
-        self.seen.add(board)
-        if leaf.opening is not None:
-            made = [node.leaf.moves[edge].tolist() for node, edge in self.path]
-            self.plan = [*((pick, place) for pick, place in made), leaf.opening]
-            return
-        node = Node.of(board, leaf)
-        if not self.path:
-            self.root = node
-        else:
-            parent, edge = self.path[-1]
-            parent.children[edge] = node
-        value = leaf.value
-        for before, edge in reversed(self.path):
-            value *= gamma
-            before.visits[edge] += 1
-            before.totals[edge] += value
-
-    def raw_plan(self) -> RawPlan:
-        """What came of it."""
-        if self.plan is not None:
-            return RawPlan(self.plan, Status.SOLVED, self.wall_s, self.expansions)
-        status = Status.UNSOLVABLE if self.exhausted else Status.GAVE_UP
-        return RawPlan([], status, self.wall_s, self.expansions, reason=self.reason)
 
 
 class Mcts(Planner):
@@ -183,7 +77,7 @@ class Mcts(Planner):
     @torch.no_grad()
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """Grow all trees together, a board each at a time, until each has ended."""
-        boards = [_number(words) for words in batch.board.tolist()]
+        boards = [number_of(words) for words in batch.board.tolist()]
         trees = [Tree(board, set()) for board in boards]
         for tree, solved in zip(trees, retrievable(self.reach, *batch).tolist(), strict=True):
             if solved:
@@ -206,7 +100,7 @@ class Mcts(Planner):
             trees[row].exhausted = True
         if not chosen:
             return
-        words = [_words(board, self.reach.n_words) for _, board in chosen]
+        words = [words_of(board, self.reach.n_words) for _, board in chosen]
         rows = torch.tensor([row for row, _ in chosen])
         leaves = self.leaves(Batch(torch.tensor(words).to(batch.board.device), batch.target[rows]))
         for (row, board), leaf in zip(chosen, leaves, strict=True):
@@ -251,14 +145,3 @@ class Mcts(Planner):
         priors = np.exp((values - values.max()) / self.temperature)
         value = self.gamma**now if self.agent is None else float(np.clip(values.max(), -1.0, 1.0))
         return Leaf(moves, (priors / priors.sum()).astype(np.float32), value, opening)
-
-
-def _number(words: list[int]) -> int:
-    """A board's words as one number, bit c for cell c."""
-    return sum((word & (1 << 64) - 1) << 64 * place for place, word in enumerate(words))
-
-
-def _words(board: int, n_words: int) -> list[int]:
-    """The inverse, words signed as in Int64."""
-    words = [board >> 64 * place & (1 << 64) - 1 for place in range(n_words)]
-    return [word - (1 << 64) if word >> 63 else word for word in words]

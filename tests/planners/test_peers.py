@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from dore.errors import InputError
-from dore.planners.mcts import Leaf, Mcts, Tree, _number, _words
+from dore.planners.mcts import Mcts
 from dore.planners.policy import opening_places
 from dore.planners.relocation_graph import RelocationGraph
 from dore.planners.simple import Lookahead, Random, WinElseRandom
+from dore.planners.tree import Leaf, Tree, number_of, words_of
 from dore.world.board import bit
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
@@ -103,7 +104,7 @@ def test_a_tree_goes_where_the_values_are() -> None:
 
 def test_boards_as_numbers() -> None:
     for words in ([5], [-1], [3, -(1 << 63)]):
-        assert _words(_number(words), len(words)) == words
+        assert words_of(number_of(words), len(words)) == words
 
 
 def test_bad_priors() -> None:
