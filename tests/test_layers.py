@@ -40,7 +40,16 @@ OWNERS = {
     "mplib": set(),
 }
 """Which packages may import a library that is slow to load or not always there."""
-WITHOUT_A_NETWORK = ("base", "compiled", "exact", "graph_search", "straight_line")
+WITHOUT_A_NETWORK = (
+    "base",
+    "compiled",
+    "exact",
+    "graph_search",
+    "straight_line",
+    "policy",
+    "simple",
+    "relocation_graph",
+)
 """Planners that load neither TorchRL nor TensorDict."""
 
 

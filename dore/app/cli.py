@@ -11,12 +11,12 @@ from importlib import import_module
 
 import hydra
 from hydra.errors import HydraException
-from omegaconf import DictConfig, ListConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.app import jobs, own_parts, renamed, sweep, sweep_job, usage
-from dore.errors import ExitCode, InputError, path_of
-from dore.files import conf_dir, shipped_or
+from dore.app import first_checks, jobs, own_parts, renamed, sweep, sweep_job, usage
+from dore.errors import ExitCode, InputError
+from dore.files import conf_dir
 from dore.schema import nearest
 
 EXTRAS = {"hydra/sweeper/optuna": "optuna", "hydra/launcher/submitit": "slurm", "hydra/launcher/ray": "ray"}
@@ -56,9 +56,16 @@ def _main(name: str) -> None:
         code = sweep.conclude()
         if code is None:
             raise
-        print(f"dore-{name}: {type(error).__name__}: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"dore-{name}: {_why_the_launcher_ended(error)}", file=sys.stderr)
         sys.exit(max(code, ExitCode.FAILED))
     sys.exit(max([composed, *codes, sweep.conclude() or 0]))
+
+
+def _why_the_launcher_ended(error: Exception) -> str:
+    """An error of a sweeper or a launcher, in a line; joblib's calls any signal a segmentation fault."""
+    if type(error).__name__ == "TerminatedWorkerError":
+        return "a process of the launcher was ended from outside, by a signal or for its memory"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _check_groups(overrides: list[str]) -> int:
@@ -75,7 +82,7 @@ def _check_groups(overrides: list[str]) -> int:
 def _run_command(name: str, cfg: DictConfig) -> int:
     """`NAME_command` of dore.app.NAME; imported only after the config is composed, so that --help answers at once."""
     own_parts.prepare(cfg)
-    _check_files(cfg)
+    first_checks.check(name, cfg)
     try:
         code: int = getattr(import_module(f"dore.app.{name}"), f"{name}_command")(cfg)
     except ModuleNotFoundError as error:
@@ -84,16 +91,6 @@ def _run_command(name: str, cfg: DictConfig) -> int:
         missing = f"needs the simulator, and {error.name} is not installed"
         raise InputError(f"{missing}; in the checkout of dore: pip install '.[sim]'") from None
     return code
-
-
-def _check_files(cfg: DictConfig) -> None:
-    """Refuse what is not there before torch is loaded, which takes seconds."""
-    for key, group in (("scene", "scenes"), ("plan", "plans"), ("model", "")):
-        value = cfg.get(key)
-        if value is None or value == "random" or isinstance(value, ListConfig):
-            continue
-        if not shipped_or(path_of(key, value), group).exists():
-            raise InputError(f"{value}: no such file")
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:

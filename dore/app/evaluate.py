@@ -39,9 +39,9 @@ class BenchmarkEvaluation(NamedTuple):
             raise InputError(f"split: got {cfg.split}, want test: the benchmark has no other boards")
         if cfg.get("arm") is not None:
             raise InputError("instances: got benchmark, want another where an arm carries plans out")
-        for name in ("layout", "reach"):
+        for name, key in (("layout", "layouts"), ("reach", "reaches")):
             if cfg.get(name) is not None:
-                raise InputError(f"{name}: has no effect on instances=benchmark, want instances.{name}s=[NAME]")
+                raise InputError(f"{name}: has no effect on instances=benchmark, want instances.{key}=[NAME]")
         sets = benchmark.sets(cfg.limit, cfg.device)
         return cls(sets, [build.planners_of(cfg, one.instances.reach) for one in sets], Timing(cfg.timing))
 
@@ -142,11 +142,8 @@ def _check_keys_fit(cfg: DictConfig) -> None:
 
 def _own_config(folder: Path, given: DictConfig) -> DictConfig:
     """An evaluation's own config, in which nothing may differ: rows of two kinds would be in one file."""
-    cfg = run_folder.read_config(
+    return run_folder.read_config(
         folder,
         expected=(*build.WORLD, "planners", "split", "limit", "timing", "threads"),
         known=(*map(str, given), "arm"),
     )
-    if (changes := run_folder.changes()) and not jobs.in_sweep():  # A job's folder is named after them.
-        raise InputError(f"resume: {changes[0]} cannot be changed in {folder}")
-    return cfg

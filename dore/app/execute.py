@@ -32,8 +32,6 @@ def execute_command(cfg: DictConfig) -> int:
     """
     if cfg.video not in ("auto", "off"):
         raise InputError(f"video: got {cfg.video!r}, want auto or off")
-    if (cfg.plan is None) == (cfg.scene is None):
-        raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
     build.use_threads(cfg.threads)
     setup = setup_of(cfg, film=cfg.video == "auto")
     loop = _of_scene(cfg, setup) if cfg.plan is None else _of_plan(cfg)

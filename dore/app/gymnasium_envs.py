@@ -50,7 +50,13 @@ class VectorRearrange(VectorEnv):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """New episodes in all environments; a seed, or the first of a list, starts the instances over from it."""
+        """New episodes in all environments; a seed, or the first of a list, starts the instances over from it.
+
+        Raises:
+            InputError: options, of which there are none.
+        """
+        if options:
+            raise InputError(f"options: got {shown(options)}, want none: what is played is given to gymnasium.make")
         first = seed[0] if isinstance(seed, list) else seed
         if first is not None:
             self._env.set_seed(first, static_seed=True)
@@ -106,9 +112,13 @@ class Rearrange(gym.Env[NDArray[np.float32], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """A new episode."""
+        """A new episode.
+
+        Raises:
+            InputError: options, of which there are none.
+        """
         super().reset(seed=seed)
-        observation, info = self._one.reset(seed=seed)
+        observation, info = self._one.reset(seed=seed, options=options)
         return observation[0], _first(info)
 
     def step(self, action: np.int64) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:

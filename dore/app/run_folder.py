@@ -65,14 +65,10 @@ def claimed(path: object, keep_if: tuple[str, ...], resumes: bool = True) -> Ite
         OSError: it cannot be made.
     """
     folder = path_of("run_dir", path)
-    or_resume = f" (or {pasted('resume', folder)})" if resumes else ""
-    taken = InputError(f"run_dir: {folder} exists already, want a new one{or_resume}")
-    if folder.exists() and not folder.is_dir():
-        raise taken
+    check_free(folder, resumes)
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "run_dir"):
-        if any(folder.iterdir()):
-            raise taken
+        check_free(folder, resumes)
         try:
             yield folder
         except BaseException as error:
@@ -81,6 +77,17 @@ def claimed(path: object, keep_if: tuple[str, ...], resumes: bool = True) -> Ite
             elif isinstance(error, Exception):
                 print(f"{folder} keeps what was written before the error", file=sys.stderr)
             raise
+
+
+def check_free(folder: Path, resumes: bool) -> None:
+    """Refuse a folder that holds something, and a file.
+
+    Raises:
+        InputError: names it, and how to resume a run there where the command `resumes`.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        or_resume = f" (or {pasted('resume', folder)})" if resumes else ""
+        raise InputError(f"run_dir: {folder} exists already, want a new one{or_resume}")
 
 
 def folder_of(cfg: DictConfig, key: str = "run_dir") -> Path:
@@ -137,6 +144,24 @@ def write_config(folder: Path, cfg: DictConfig) -> None:
     write_record(folder / ABOUT_FILE, about)
 
 
+def load_config(folder: str | os.PathLike[str]) -> DictConfig:
+    """The config of a run folder as its file has it; nothing that it names is imported.
+
+    Raises:
+        InputError: no run folder, or a damaged config.
+    """
+    path = Path(folder) / CONFIG_FILE
+    try:
+        cfg = OmegaConf.load(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"resume: {folder} is no run folder, it has no {CONFIG_FILE}") from None
+    except (OmegaConfBaseException, ValueError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: damaged ({' '.join(str(error).split())})") from None
+    if not isinstance(cfg, DictConfig):
+        raise InputError(f"{path}: damaged or cut off, it has no keys")
+    return cfg
+
+
 def read_config(
     folder: str | os.PathLike[str], expected: Iterable[str] = (), known: Iterable[str] | None = None
 ) -> DictConfig:
@@ -145,17 +170,11 @@ def read_config(
     Raises:
         InputError: no run folder, a damaged config, one that names what files may not name, or of another version.
     """
-    path = Path(folder) / CONFIG_FILE
-    try:
-        cfg = OmegaConf.load(path)
-    except FileNotFoundError:
-        raise InputError(f"resume: {folder} is no run folder, it has no {CONFIG_FILE}") from None
-    except (OmegaConfBaseException, ValueError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: damaged ({' '.join(str(error).split())})") from None
-    missing = [key for key in expected if not isinstance(cfg, DictConfig) or key not in cfg]
+    path, cfg = Path(folder) / CONFIG_FILE, load_config(folder)
+    missing = [key for key in expected if key not in cfg]
     if missing:
         raise InputError(f"{path}: damaged or cut off, it lacks {', '.join(missing)}")
-    if "updates_per_step" in (cast(DictConfig, cfg).get("training") or {}):
+    if "updates_per_step" in (cfg.get("training") or {}):
         raise InputError(
             f"{path}: of version 0.1, whose training cannot be resumed; its model still plans and evaluates, "
             "and a new run trains (training.updates and training.update_after instead of training.updates_per_step)"

@@ -60,6 +60,11 @@ def _of_row(folder: Path, instance: object) -> Given:
         raise InputError(f"instance: got {number}, and {file} has {rows.instance.min()} to {rows.instance.max()}")
     if not row.target.iloc[0]:
         raise InputError(f"{file}: does not say where its obstacles stand, as version 0.1 wrote it")
+    if (benchmark := build.benchmark_of(config)) is not None:
+        # Its rows are of several layouts and reaches.
+        names = [name for name, one in benchmark.parts["layout"].items() if str(one) == row.layout.iloc[0]]
+        parts = config.instances.parts
+        config.layout, config.reach = parts.layout[names[0]], {**parts.reach[row.reach.iloc[0]], "_partial_": False}
     layout: Layout = make(config.layout, "layout")
     obstacles = tuple(int(cell) - 1 for cell in row.obstacles.iloc[0].split())
     return Given(Scene(layout, obstacles, int(row.target.iloc[0]) - 1), config)

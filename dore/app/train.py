@@ -27,8 +27,6 @@ def train_command(cfg: DictConfig) -> int:
     if cfg.resume is not None:
         folder = path_of("resume", cfg.resume)
         return _resume(folder, _resumed_config(folder, cfg))
-    if cfg.existing not in ("refuse", "continue"):
-        raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
     folder = path_of("run_dir", cfg.run_dir)
     if cfg.existing == "continue" and (folder / CHECKPOINT).exists():
         run_folder.check_same(folder, cfg)
@@ -85,14 +83,9 @@ def _check_models(folder: Path, cfg: DictConfig) -> None:
 
 
 def _resumed_config(folder: Path, given: DictConfig) -> DictConfig:
-    """The run's own config; of what the command line gives, only the budget may differ."""
+    """The run's own config; of what the command line gives only the budget differs, as `first_checks` has seen to."""
     cfg = run_folder.read_config(folder, expected=run_folder.LEARNING, known=map(str, given))
-    changes = run_folder.changes()
-    for change in changes:
-        if change.split("=")[0].lstrip("+~") not in run_folder.BUDGET_KEYS:
-            allowed = ", ".join(run_folder.BUDGET_KEYS)
-            raise InputError(f"resume: {change} cannot be changed in {folder}, only {allowed}")
-    cfg.merge_with_dotlist(changes)
+    cfg.merge_with_dotlist(run_folder.changes())
     return _moved_to(folder, cfg)
 
 

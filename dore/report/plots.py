@@ -45,13 +45,13 @@ def draw(path: Path, spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Sour
 
 
 def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
-    """One panel per metric: rows as lines over numeric columns, with intervals; the paper's dashed, with their sd."""
+    """One panel per metric: rows as lines over columns, numbers or categories, with intervals; the paper's dashed."""
     figure, axes = panels(len(spec["panels"]), 3, 4.8, 3.8)
     for one, panel in zip(axes, spec["panels"], strict=True):
         mine = cells[(cells.metric == panel["metric"]) & cells["mean"].notna()].copy()
         if "rows" in panel:
             mine = mine[mine["row"].str.contains(panel["rows"])]
-        mine["x"] = mine.column.str.extract(r"^([\d.]+)(?: %)?$", expand=False).astype(float)
+        mine["x"] = _places(mine.column, spec.get("categories"))
         mine = mine[mine.x.notna()]
         styles = _styles(spec, list(dict.fromkeys(mine["row"])))
         for place, (row, line) in enumerate(mine.groupby("row", sort=False)):
@@ -61,14 +61,24 @@ def _lines(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Fi
             one.set_ylim(bottom=0.5 * mine["mean"].min())
         elif "bottom" in panel:
             one.set_ylim(bottom=panel["bottom"])
-        finish(one, x=spec.get("x", ""), y=panel.get("y", panel["metric"]))
-        one.xaxis.set_major_locator(MaxNLocator(integer=True))
+        finish(one, title=panel.get("title", ""), x=spec.get("x", ""), y=panel.get("y", panel["metric"]))
+        if "categories" in spec:
+            one.set_xticks(range(len(spec["categories"])), spec["categories"])
+        else:
+            one.xaxis.set_major_locator(MaxNLocator(integer=True))
         if "mark" in panel:
             one.axvline(panel["mark"]["at"], color=FAINT, lw=1, ls=(0, (1, 3)))
             at, text = (panel["mark"]["at"], 1.01), panel["mark"]["text"]
             one.annotate(text, at, xycoords=("data", "axes fraction"), ha="center", fontsize=7.5, color=FAINT)
     legend(figure, axes, 3 if len(axes) == 1 else 4)
     return figure
+
+
+def _places(columns: pd.Series, categories: Sequence[str] | None) -> pd.Series:
+    """Where columns stand on the x axis: their number, or their place among a study's categories; nan: nowhere."""
+    if categories is None:
+        return columns.str.extract(r"^([\d.]+)(?: %)?$", expand=False).astype(float)
+    return columns.map({name: float(place) for place, name in enumerate(categories)})
 
 
 def _styles(spec: Spec, rows: Sequence[str]) -> dict[str, tuple[Any, Any]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 import torch
@@ -83,15 +83,25 @@ class Benchmark:
         for name in ("layouts", "reaches", "densities"):
             if not getattr(self, name):
                 raise InputError(f"instances.{name}: got none, want one or more")
-        for kind, names in (("layout", self.layouts), ("reach", self.reaches)):
-            if unknown := [name for name in names if name not in self.parts[kind]]:
-                known = ", ".join(self.parts[kind])
-                raise InputError(f"instances.{kind}s: got {shown(unknown[0])}, want some of {known}")
+        for key, kind in (("layouts", "layout"), ("reaches", "reach")):
+            known = self.parts[kind]
+            if unknown := [name for name in getattr(self, key) if name not in known]:
+                raise InputError(f"instances.{key}: got {shown(unknown[0])}, want some of {', '.join(known)}")
         for density in self.densities:
             whole("instances.densities", density, 1, at_most=99)
         for name in ("per_stratum", "max_nodes", "quick_nodes", "max_candidates"):
             whole(f"instances.{name}", getattr(self, name), 1)
         seed_of("instances.seed", self.seed)
+
+    def train(self, *_: object) -> NoReturn:
+        """Nothing to train on.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError("instances: got benchmark, which is for evaluations, want z3-7 or another to train on")
+
+    validation = test = train
 
     @property
     def worlds(self) -> list[World]:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -232,19 +230,6 @@ def test_bad_scenes(model, tmp_path, capsys, change, says):
     assert run("plan", [f"model={model}", f"scene={tmp_path / 'scene.json'}", f"out={tmp_path / 'plan.json'}"]) == 2
     assert says in said(capsys)
     assert not (tmp_path / "plan.json").exists()
-
-
-def test_help_needs_no_torch():
-    code = (
-        "import sys\n"
-        "from dore.app import cli\n"
-        "sys.argv = ['dore-train', '--help']\n"
-        "try:\n    cli.train()\nexcept SystemExit as ended:\n    assert not ended.code\n"
-        "assert 'torch' not in sys.modules and 'mani_skill' not in sys.modules\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "agent          sequential, single  [sequential]" in done.stdout
 
 
 def test_a_group_of_another_command_is_refused_in_a_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,7 +36,8 @@ def options(group: str) -> list[str]:
 
 
 OPTIONS = [f"{group}={option}" for group in (*GROUPS, "target_update") for option in options(group)]
-OPTIONS.remove("instances=file")  # Nothing to train on: tests/app/test_own_scenes.py.
+for nothing_to_train_on in ("instances=file", "instances=benchmark"):  # tests/app/test_own_scenes.py, test_benchmark.py
+    OPTIONS.remove(nothing_to_train_on)
 
 
 @pytest.mark.parametrize("option", OPTIONS)

@@ -8,6 +8,8 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+from dore.errors import InputError  # noqa: E402
+
 ENV = "dore:Dore/Rearrange-v0"
 
 
@@ -18,6 +20,14 @@ def many(n: int, **options):
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_gymnasiums_checker_passes():
     check_env(gymnasium.make(ENV, layout="5x5").unwrapped, skip_render_check=True)
+
+
+@pytest.mark.parametrize("make", [lambda: gymnasium.make(ENV), lambda: many(2)])
+def test_a_reset_ignores_no_options(make):
+    env = make()
+    env.reset(options={})
+    with pytest.raises(InputError, match=r"options: got {'cells': \[1\]}, want none"):
+        env.reset(options={"cells": [1]})
 
 
 def test_a_seed_gives_the_same_episodes_and_masked_moves_never_fail():

@@ -88,6 +88,15 @@ def test_the_jaco_with_kinovas_meshes_is_evaluated_like_the_others(tmp_path):
     assert yaml.safe_load((out / "config.yaml").read_text())["reach"]["clearance_m"] == 0.141
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not importlib.util.find_spec("ray"), reason="ray is not installed")
+def test_workers_of_a_local_ray_make_the_same_rows(folder, tmp_path):
+    assert run("evaluate", [*SLIM, "limit=3", "workers=2", "backend=ray", f"run_dir={tmp_path / 'ray'}"]) == 0
+    one, two = (read_rows(path / "rows.csv") for path in (folder, tmp_path / "ray"))
+    same = ["planner", "instance", "outcome", "success", "moves_made", "simulated_s"]
+    pd.testing.assert_frame_equal(one[same], two[same])
+
+
 def test_what_goes_wrong_in_an_open_loop_is_no_success(tmp_path):
     out = tmp_path / "slip"
     assert run("evaluate", [*SLIM[:1], "planner=exact", SLIM[2], "limit=1", "disturbance=slip", f"run_dir={out}"]) == 0

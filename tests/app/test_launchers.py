@@ -6,7 +6,9 @@ import importlib.util
 import json
 
 import pytest
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 
+from dore.app import cli
 from tests.commands import TINY, complaints, run
 
 
@@ -62,3 +64,9 @@ def test_optuna_maximises_and_starts_again(tmp_path, capsys):
     *broken, last = complaints(capsys)
     assert sum("training.batch_size: got 0" in line for line in broken) == 2
     assert last.startswith("dore-train: ValueError: No trials are completed")
+
+
+def test_workers_that_a_signal_ends_are_no_segmentation_fault():
+    error = TerminatedWorkerError("... could be caused by a segmentation fault ...")
+    assert cli._why_the_launcher_ended(error).startswith("a process of the launcher was ended from outside")
+    assert cli._why_the_launcher_ended(ValueError("no\n trials")) == "ValueError: no trials"

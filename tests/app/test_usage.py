@@ -48,10 +48,28 @@ def test_the_commands_of_dore():
     assert "dore: plans: no such command (did you mean plan?)" in error
 
 
-def test_help_is_answered_before_torch_is_loaded(tmp_path):
+def test_help_and_bad_input_are_answered_before_torch_is_loaded(tmp_path):
     ask = "try: cli.{}()\nfinally: print('torch' in sys.modules)"
     code = "import sys\nfrom dore.app import cli\nsys.argv = ['dore-x', *{}]\n" + ask
-    for command, words in (("train", ["--help"]), ("plan", ["scene=no.json"]), ("execute", ["plan=no.json"])):
+    for folder, config in (("full", ""), ("kept", "limit: 20\nplanners: {exact: {}}\n")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "config.yaml").write_text(config or "- 1\n")
+    for command, words, answer in (
+        ("train", ["--help"], None),
+        ("plan", ["scene=no.json"], "no.json: no such file"),
+        ("execute", ["plan=no.json"], "no.json: no such file"),
+        ("execute", [], "plan, scene: want one of them: a plan file, or a scene file or random"),
+        ("train", ["existing=maybe"], "existing: got 'maybe', want refuse or continue"),
+        ("train", ["run_dir=full"], "run_dir: full exists already, want a new one (or resume=full)"),
+        ("execute", ["plan=fig7", "run_dir=full"], "run_dir: full exists already, want a new one"),
+        ("train", ["resume=none"], "resume: none is no run folder, it has no config.yaml"),
+        ("evaluate", ["resume=full"], "full/config.yaml: damaged or cut off, it has no keys"),
+        ("evaluate", ["resume=kept", "limit=3"], "resume: limit=3 cannot be changed in kept, where it is 20"),
+        (
+            *("evaluate", ["resume=kept", "planner=guided"]),
+            "resume: planner=guided cannot be changed in kept, where it has exact",
+        ),
+    ):
         done = subprocess.run(
             [sys.executable, "-c", code.format(words, command)],
             cwd=tmp_path,
@@ -60,7 +78,7 @@ def test_help_is_answered_before_torch_is_loaded(tmp_path):
             timeout=120,
         )
         assert done.stdout.endswith("False\n")
-        assert done.stderr == ("" if words == ["--help"] else f"dore-{command}: no.json: no such file\n")
+        assert done.stderr == ("" if answer is None else f"dore-{command}: {answer}\n")
 
 
 def test_shipped_scenes_have_names(tmp_path):
