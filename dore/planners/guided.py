@@ -154,10 +154,8 @@ class _Try:
 
     def add(self, found: RawPlan) -> None:
         """What another search has found: it says more only if it has decided the instance."""
-        spent = {
-            "planning_s": self.plan.planning_s + found.planning_s,
-            "expansions": self.plan.expansions + found.expansions,
-        }
+        seconds = self.plan.planning_s + found.planning_s
+        expansions = self.plan.expansions + found.expansions
         bound = max(self.plan.lower_bound or 0, found.lower_bound or 0)
         if found.status is Status.GAVE_UP:
             kept = self.plan if self.plan.status is Status.SOLVED else self.plan._replace(lower_bound=bound)
@@ -165,4 +163,4 @@ class _Try:
             proved = found.optimal_moves is None and len(found.moves) == bound and found.status is Status.SOLVED
             reason = "" if found.status is Status.SOLVED else found.reason
             kept = found._replace(reason=reason, optimal_moves=bound if proved else found.optimal_moves)
-        self.plan = kept._replace(**spent)
+        self.plan = kept._replace(planning_s=seconds, expansions=expansions)
