@@ -17,7 +17,7 @@ SMALL = Wanted("3x6", 4, 2, "a small one")
 
 def test_the_choices_are_the_policys_first_move():
     pick, place = maps_of(SMALL, Q_NETWORK)
-    reach, planners = planners_on("3x6", ["learned", "exact"], None)
+    reach, planners = planners_on("3x6", ["learned", "exact"], Q_NETWORK)
     learned, exact = (planner.plan(Batch.of(Problem(pick.scene, reach)))[0] for planner in planners)
     assert (pick.choice, place.choice) == (learned.moves[0].pick, learned.moves[0].place)
     assert len(exact.moves) == SMALL.optimum
