@@ -8,8 +8,8 @@ from dore.app import build, run_folder, scenes
 from dore.app.run_folder import folder_of
 from dore.errors import ExitCode, InputError, seed_of
 from dore.files import check_outputs
-from dore.world.files import write_plan
 from dore.world.by_optimum import OptimumSplits
+from dore.world.files import write_plan
 from dore.world.instances import InstanceSplits, problems_of
 from dore.world.plan import Plan, PlanFile, Status
 from dore.world.problem import Batch, Problem, cell_id
