@@ -24,7 +24,7 @@ from dore.draw.board_art import CELL_INCH, OBSTACLE_COLOUR, RADIUS, TARGET_COLOU
 from dore.draw.style import INK, save_figure
 from dore.errors import InputError
 from dore.learn.agents.sequential import Sequential
-from dore.learn.checkpoint import SHIPPED
+from dore.learn.checkpoint import Q_NETWORK
 from dore.planners.learned import Learned
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
@@ -44,7 +44,7 @@ AMONG = 100
 class Options:
     """model: a run directory or a model file. out: the picture."""
 
-    model: Path = SHIPPED
+    model: Path = Q_NETWORK
     out: Path = Path("docs/results/q_values.png")
 
 

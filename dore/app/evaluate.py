@@ -42,6 +42,8 @@ class BenchmarkEvaluation(NamedTuple):
         for name, key in (("layout", "layouts"), ("reach", "reaches")):
             if cfg.get(name) is not None:
                 raise InputError(f"{name}: has no effect on instances=benchmark, want instances.{key}=[NAME]")
+        with open_dict(cfg):
+            cfg.layout = cfg.reach = None  # A run's config names its whole world.
         sets = benchmark.sets(cfg.limit, cfg.device)
         return cls(sets, [build.planners_of(cfg, one.instances.reach) for one in sets], Timing(cfg.timing))
 

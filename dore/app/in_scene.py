@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
 from importlib import import_module
+from itertools import chain
 from typing import Any, cast
 
 import pandas as pd
@@ -107,7 +108,12 @@ def rows_of_scenes(
         if cfg.workers > 1:
             _register(cfg.backend)
             stack.enter_context(parallel_config(cfg.backend))
-        made = Parallel(n_jobs=cfg.workers, batch_size=1, return_as="generator")(jobs)
+        if cfg.workers > 1 and cfg.backend == "ray":  # Its backend for joblib returns lists alone.
+            size = 8 * cfg.workers
+            parts = (jobs[first : first + size] for first in range(0, len(jobs), size))
+            made = chain.from_iterable(Parallel(n_jobs=cfg.workers, batch_size=1)(part) for part in parts)
+        else:
+            made = Parallel(n_jobs=cfg.workers, batch_size=1, return_as="generator")(jobs)
         with ProgressBar(total=len(names) * len(problems), initial=len(there), unit="run") as bar:
             for row in made:
                 yield row

@@ -8,8 +8,9 @@ from dore.app import build, run_folder, scenes
 from dore.app.run_folder import folder_of
 from dore.errors import ExitCode, InputError, seed_of
 from dore.files import check_outputs
+from dore.world.by_optimum import OptimumSplits
 from dore.world.files import write_plan
-from dore.world.instances import InstanceSplits, random_problem
+from dore.world.instances import InstanceSplits, problems_of
 from dore.world.plan import Plan, PlanFile, Status
 from dore.world.problem import Batch, Problem, cell_id
 
@@ -44,9 +45,10 @@ def _random(cfg: DictConfig) -> Problem:
     world = build.world_of(cfg, build.model_config(cfg))
     reach = build.reach_of(world, cfg.device)
     splits = build.splits_of(world, reach)
-    if not isinstance(splits, InstanceSplits):
-        raise InputError("scene: random draws instances by how many obstacles they have; want scene=PATH instance=N")
-    return random_problem(reach, splits.difficulty, seed_of("seed", cfg.seed))
+    if not isinstance(splits, InstanceSplits | OptimumSplits):
+        raise InputError("scene: random draws new instances, these are given ones; want scene=PATH instance=N")
+    (problem,) = problems_of(reach, splits.new(reach, "test", seed_of("seed", cfg.seed)).draw(1))
+    return problem
 
 
 def _given(cfg: DictConfig) -> Problem:

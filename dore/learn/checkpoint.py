@@ -33,7 +33,9 @@ MODEL_NAME = "model.safetensors"
 BEST_NAME = "best.safetensors"
 """The model of the best IPT, beside it, where a run returns the last one (`training.keep=last`)."""
 SHIPPED = Path(__file__).parents[1] / "weights" / "generalist.safetensors"
-"""The model inside the package, for every layout; its card lies beside it."""
+"""The model inside the package, for every layout: taught by exact labels; its card lies beside it."""
+Q_NETWORK = SHIPPED.with_name("q_network.safetensors")
+"""Another one there, for every layout, which learned from rewards alone: its outputs are Q-values."""
 
 
 class _ModelConfig(msgspec.Struct, forbid_unknown_fields=True):

@@ -51,8 +51,9 @@ class Policy(Planner):
 
     def __init__(self, reach: Reach, max_moves: int, max_nodes: int, max_seconds: float) -> None:
         self.reach, key = reach, f"planners.{self.name}"
+        moves = whole(f"{key}.max_moves", max_moves, 1, at_most=MAX_MOVES)
         self.max_nodes = whole(f"{key}.max_nodes", max_nodes, 1)
-        self.max_moves = min(whole(f"{key}.max_moves", max_moves, 1, at_most=MAX_MOVES), self.max_nodes)
+        self.max_moves = min(moves, self.max_nodes)
         self.max_seconds = number(f"{key}.max_seconds", max_seconds, above=0.0, at_most=1e7)
 
     @abstractmethod

@@ -11,6 +11,7 @@ from torchrl.objectives import SoftUpdate
 from dore.errors import number, seed_of, whole
 from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget, LinearEpsilon
+from dore.learn.checkpoint import Q_NETWORK
 from dore.learn.env import RearrangeEnv, Rewards
 from dore.learn.evaluator import PerformanceTest
 from dore.learn.learner import Learner
@@ -48,7 +49,7 @@ class Transfer(Planner):
 
     Args:
         reach: may differ from the one trained on, as for `Learned`.
-        model: a run directory or a model file; None: the one in the package.
+        model: a run directory or a model file; None: the one in the package that learned from rewards alone.
         max_moves: step limit of an episode.
         max_episodes: T_lim, for one instance.
         max_seconds: of learning, for one instance. The fewer they are, the fewer episodes are played at once.
@@ -79,7 +80,7 @@ class Transfer(Planner):
         for name, value in {"max_moves": max_moves, "max_episodes": max_episodes, "batch_size": batch_size}.items():
             whole(f"planners.transfer.{name}", value, 1)
         self.reach = reach
-        self.base = Learned(reach, model, max_moves)
+        self.base = Learned(reach, Q_NETWORK if model is None else model, max_moves)
         self.max_moves = max_moves
         self.seed = seed_of("planners.transfer.seed", seed)
         self.lr = number("planners.transfer.lr", lr, above=0.0, at_most=10.0)

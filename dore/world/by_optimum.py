@@ -118,7 +118,7 @@ class OptimumSplits:
 
     def train(self, reach: Reach, seed: int) -> ChosenInstances:
         """Where training episodes come from; `seed` is the run's."""
-        return self._source(reach, "train", seed)
+        return self.new(reach, "train", seed)
 
     def validation(self, reach: Reach) -> InstanceSet:
         """What the IPT draws from."""
@@ -128,7 +128,8 @@ class OptimumSplits:
         """Used once, at the end."""
         return self._set(reach, "test", self.test_size)
 
-    def _source(self, reach: Reach, split: str, seed: int) -> ChosenInstances:
+    def new(self, reach: Reach, split: str, seed: int) -> ChosenInstances:
+        """New instances of a split without end."""
         cells = reach.n_cells
         low, high = (max(1, round(share * cells)) for share in (self.min_density, self.max_density))
         fresh = FreshInstances(reach, Difficulty(low, high), split, seed)
@@ -136,7 +137,7 @@ class OptimumSplits:
 
     def _set(self, reach: Reach, split: str, size: int) -> InstanceSet:
         """Different ones, in the order in which they are first drawn."""
-        source = self._source(reach, split, self.seed)
+        source = self.new(reach, split, self.seed)
         found: dict[tuple[int, ...], None] = {}
         asked = 0
         while len(found) < size:

@@ -179,10 +179,14 @@ class InstanceSplits:
         """How many obstacles there are."""
         return Difficulty(self.min_obstacles, self.max_obstacles)
 
+    def new(self, reach: Reach, split: str, seed: int) -> FreshInstances:
+        """New instances of a split without end."""
+        return FreshInstances(reach, self.difficulty, split, seed)
+
     def train(self, reach: Reach, seed: int) -> InstanceSource:
         """Where training episodes come from; `seed` is the run's."""
         if self.train_size is None:
-            return FreshInstances(reach, self.difficulty, "train", seed)
+            return self.new(reach, "train", seed)
         instances = InstanceSet.generate(reach, self.train_size, self.difficulty, "train", self.seed)
         return FixedInstances(instances, seed)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dore.errors import InputError
-from dore.learn.checkpoint import SHIPPED
+from dore.learn.checkpoint import Q_NETWORK
 from dore.world.problem import Batch, Problem
 from scripts import q_maps
 from scripts.program import composed, planners_on, run
@@ -16,8 +16,8 @@ SMALL = Wanted("3x6", 4, 2, "a small one")
 
 
 def test_the_choices_are_the_policys_first_move():
-    pick, place = maps_of(SMALL, SHIPPED)
-    reach, planners = planners_on("3x6", ["learned", "exact"], None)
+    pick, place = maps_of(SMALL, Q_NETWORK)
+    reach, planners = planners_on("3x6", ["learned", "exact"], Q_NETWORK)
     learned, exact = (planner.plan(Batch.of(Problem(pick.scene, reach)))[0] for planner in planners)
     assert (pick.choice, place.choice) == (learned.moves[0].pick, learned.moves[0].place)
     assert len(exact.moves) == SMALL.optimum
@@ -46,7 +46,7 @@ def test_what_cannot_be_drawn_is_one_line(tmp_path, capsys):
     (line,) = capsys.readouterr().err.splitlines()
     assert "no such file" in line
     with pytest.raises(InputError, match="none of 100 boards needs 9 moves"):
-        maps_of(Wanted("3x6", 3, 9, ""), SHIPPED)
+        maps_of(Wanted("3x6", 3, 9, ""), Q_NETWORK)
 
 
 def test_only_a_sequential_agent_has_both(monkeypatch):
@@ -54,4 +54,4 @@ def test_only_a_sequential_agent_has_both(monkeypatch):
         "dore.planners.learned.Learned.copy_of_agent", lambda planner: make_agent("single", False, planner.reach)
     )
     with pytest.raises(InputError, match="want one of agent=sequential"):
-        maps_of(SMALL, SHIPPED)
+        maps_of(SMALL, Q_NETWORK)
