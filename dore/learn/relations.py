@@ -152,7 +152,7 @@ class Messages(nn.Module):
         hidden = self.norm(hidden)
         owner = self.from_owner(hidden).flatten(1).index_select(0, graph.owner)
         stands = (self.from_standing(hidden) * standing).flatten(1)
-        corridor = silu(torch.addmm(owner, graph.blocked_by, stands).view(-1, batch, width))
+        corridor = silu(torch.addmm(owner, graph.blocked_by, stands).view(len(owner), batch, width))
         best = best_corridors(graph, corridor)
         back = silu(self.from_corridor(corridor) + self.from_best(best).index_select(0, graph.owner))
         down = (graph.blocks @ back.flatten(1)).view(n_cells, batch, width)
@@ -164,7 +164,7 @@ class Messages(nn.Module):
 
 def best_corridors(graph: Graph, corridor: Tensor) -> Tensor:
     """Float[G, B, H]: the maximum over each cell's corridors Float[L, B, H]; 0 for a cell without one."""
-    if corridor.shape[1] <= FEW and not torch.is_grad_enabled():
+    if 0 < corridor.shape[1] <= FEW and not torch.is_grad_enabled():
         found = torch.segment_reduce(corridor.flatten(1), "max", lengths=graph.n_corridors, axis=0, unsafe=True)
         return found.nan_to_num_(neginf=0.0).view(-1, *corridor.shape[1:])
     parts = corridor.split([cells * corridors for cells, corridors in graph.groups])

@@ -103,6 +103,12 @@ def test_a_board_alone_has_the_values_that_it_has_in_a_batch(max_yaw_deg):
         torch.testing.assert_close(together, alone)
 
 
+def test_no_boards_have_no_values():
+    reach = REACHES["grid"]
+    with torch.no_grad():
+        assert [value.shape for value in network(reach)(torch.empty(0, 3, reach.n_cells))] == [(0, 20), (0, 20)]
+
+
 def test_corridors_that_are_listed_twice_change_nothing():
     """The table is padded where cells have fewer corridors than others; sets that contain another are left out."""
     reach = REACHES["grid"]
