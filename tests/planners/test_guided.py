@@ -25,7 +25,7 @@ from tests.planners.test_exact import batch_of
 
 KEYS = {
     "values": "network",
-    "temperature": 0.3,
+    "temperature": 1.0,
     "width": 8,
     "picks": 3,
     "places": 4,
