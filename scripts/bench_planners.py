@@ -204,7 +204,7 @@ PARTS: dict[str, Callable[[Options], Rows]] = {
     "throughput": partial(boards, 5 * [Boards(8, 8, 3, 13)], 10_000, 10_000, (10**7, 5.0, 2048.0), False),
     "cold": cold,
     "against": partial(boards, SIX, 120, 1, (10**7, 5.0, 1500.0), True),
-    "agreement": partial(boards, ALL, 140, 140, (500, 60.0, 1500.0), True),
+    "agreement": partial(boards, ALL, 140, 140, (100, 60.0, 1500.0), True),
 }
 
 

@@ -161,14 +161,14 @@ def test_a_planner_without_a_network_loads_no_torchrl(planner: str) -> None:
     assert loaded_by(f"import dore.planners.{planner}", {"torchrl", "tensordict", "matplotlib"}) == ""
 
 
-def test_dore_plan_with_exact_loads_no_network(tmp_path: Path) -> None:
+def test_dore_plan_with_exact_loads_no_torch(tmp_path: Path) -> None:
     code = f"""
 from dore.app import cli
-sys.argv = ["dore-plan", "planner=exact", "out={tmp_path}/plan.json"]
+sys.argv = ["dore-plan", "scene=fig7", "planner=exact", "out={tmp_path}/plan.json"]
 try:
     cli.plan()
 except SystemExit as end:
     assert end.code == 0
 """
-    said = loaded_by(code, {"torchrl", "tensordict", "pandas"})
+    said = loaded_by(code, {"torch", "torchrl", "tensordict", "pandas"})
     assert said.splitlines()[-1].endswith("plan.png")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from typing import Any
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 
 from dore.app.models import Model, models_of, world_config
@@ -14,11 +14,13 @@ from dore.app.own_parts import cells_stay
 from dore.configure import make
 from dore.errors import InputError, shown, whole
 from dore.planners.base import Planner
-from dore.world.benchmark import Benchmark
-from dore.world.instances import InstanceSplits
 from dore.world.layout import Layout
 from dore.world.reach import Reach
 from dore.world.scene_files import SceneInstances
+
+if TYPE_CHECKING:  # torch, which dore-plan does without where it can.
+    from dore.world.benchmark import Benchmark
+    from dore.world.instances import InstanceSplits
 
 WORLD = ("layout", "reach", "instances")
 MODEL = (*WORLD, "agent", "network")
@@ -34,6 +36,8 @@ def reach_of(config: Mapping[str, Any], device: str, layout: Layout | None = Non
 
 def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
     """The instance splits, checked against the layout."""
+    from dore.world.instances import InstanceSplits
+
     splits: InstanceSplits = make(config.get("instances"), "instances")
     if isinstance(splits, InstanceSplits):
         splits.difficulty.check_fits(reach.n_cells)
@@ -42,6 +46,8 @@ def splits_of(config: Mapping[str, Any], reach: Reach) -> InstanceSplits:
 
 def benchmark_of(config: Mapping[str, Any]) -> Benchmark | None:
     """The benchmark, if a config's instances are it; it brings its own layouts and reaches."""
+    from dore.world.benchmark import Benchmark
+
     node = config.get("instances")
     named = isinstance(node, Mapping) and node.get("_target_") == f"{Benchmark.__module__}.{Benchmark.__qualname__}"
     return make(node, "instances") if named else None
@@ -111,9 +117,9 @@ def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
     return world
 
 
-def model_config(cfg: DictConfig) -> Mapping[str, Any]:
-    """What the given models were made with, or the one in the package."""
-    return world_config(models_of(cfg.model), cfg, WORLD)
+def model_config(cfg: DictConfig, parts: Sequence[str] = WORLD) -> Mapping[str, Any]:
+    """These parts of what the given models were made with, or the one in the package."""
+    return world_config(models_of(cfg.model), cfg, parts)
 
 
 def check_sections(cfg: DictConfig, *names: str) -> None:
@@ -130,4 +136,9 @@ def check_sections(cfg: DictConfig, *names: str) -> None:
 
 def use_threads(threads: int) -> None:
     """How many CPU threads torch may use."""
-    torch.set_num_threads(whole("threads", threads, 1, at_most=256))
+    threads = whole("threads", threads, 1, at_most=256)
+    os.environ["OMP_NUM_THREADS"] = str(threads)  # Where torch is loaded later, if at all.
+    if "torch" in sys.modules:
+        import torch
+
+        torch.set_num_threads(threads)

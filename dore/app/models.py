@@ -16,7 +16,8 @@ from dore.app.run_folder import LATER, LEARNING, read_config
 from dore.configure import leaves
 from dore.errors import InputError, path_of
 from dore.files import CONFIG_FILE, DONE_FILE
-from dore.learn.checkpoint import MODEL_NAME, SHIPPED, load_model
+from dore.learn.model_config import MODEL_NAME, SHIPPED
+from dore.learn.model_config import read_config as model_config
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Model:
 
     def config(self, parts: Sequence[str] | None = None) -> dict[str, Any]:
         """What it was made with; these parts of it, or all."""
-        return load_model(SHIPPED if self.path is None else self.path, parts)[1]
+        return model_config(SHIPPED if self.path is None else self.path, parts)
 
 
 def models_of(value: object) -> list[Model]:

@@ -8,11 +8,9 @@ from dore.app import build, run_folder, scenes
 from dore.app.run_folder import folder_of
 from dore.errors import ExitCode, InputError, seed_of
 from dore.files import check_outputs
-from dore.world.by_optimum import OptimumSplits
 from dore.world.files import write_plan
-from dore.world.instances import InstanceSplits, problems_of
 from dore.world.plan import Plan, PlanFile, Status
-from dore.world.problem import Batch, Problem, cell_id
+from dore.world.problem import Problem, cell_id
 
 EXIT_CODES = {
     Status.SOLVED: ExitCode.OK,
@@ -28,7 +26,7 @@ def plan_command(cfg: DictConfig) -> int:
     picture = out.parent / f"{out.stem}.png" if cfg.picture is None else folder_of(cfg, "picture")
     check_outputs(out=out, picture=picture)
     problem = _random(cfg) if cfg.scene == "random" else _given(cfg)
-    (found,) = build.planner_of(cfg, problem.reach).plan(Batch.of(problem))
+    found = build.planner_of(cfg, problem.reach).plan_one(problem)
     write_plan(out, PlanFile(problem, found))
     _print_plan(found, cell_id(problem.scene.target))
     print(f"plan: {out}", flush=True)
@@ -41,6 +39,9 @@ def plan_command(cfg: DictConfig) -> int:
 
 def _random(cfg: DictConfig) -> Problem:
     """An instance of the test split."""
+    from dore.world.by_optimum import OptimumSplits  # These load torch, which a given scene may not need.
+    from dore.world.instances import InstanceSplits, problems_of
+
     scenes.check_random(cfg)
     world = build.world_of(cfg, build.model_config(cfg))
     reach = build.reach_of(world, cfg.device)
@@ -57,7 +58,7 @@ def _given(cfg: DictConfig) -> Problem:
         if key in ("layout", "instances", "seed"):
             raise InputError(f"{change}: has no effect on scene={cfg.scene}, want scene=random")
     scene, evaluation = scenes.given(cfg)
-    world = build.world_of(cfg, build.model_config(cfg) if evaluation is None else evaluation)
+    world = build.world_of(cfg, build.model_config(cfg, ("layout", "reach")) if evaluation is None else evaluation)
     return Problem(scene, build.reach_of(world, cfg.device, scene.layout))
 
 

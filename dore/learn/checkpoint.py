@@ -14,39 +14,23 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import torch
 from torch import Tensor
 
-from dore.configure import check_classes, renamed
 from dore.errors import InputError
 from dore.files import atomic_write
-from dore.schema import Count, checked, named, parse_json
-from dore.world.files import read_tensors, write_tensors
+from dore.learn.model_config import MODEL_FORMAT, MODEL_NAME, Q_NETWORK, SHIPPED, config_of, file_of
+from dore.schema import checked, named, parse_json
+from dore.world.tensor_files import read_tensors, write_tensors
+
+__all__ = ["BEST_NAME", "MODEL_NAME", "Q_NETWORK", "SHIPPED", "Tested", "ipt_of", "load_checkpoint", "load_model"]
+__all__ += ["save_checkpoint", "save_model"]
 
 CHECKPOINT_FORMAT = "dore-checkpoint/1"
 SEALED = b"dore-checkpoint/2 "
 """How a checkpoint begins; the SHA-256 of the rest follows. Older ones begin as torch's own files do."""
-MODEL_FORMAT = "dore-model/1"
-MODEL_NAME = "model.safetensors"
-"""The model that a run returns."""
 BEST_NAME = "best.safetensors"
-"""The model of the best IPT, beside it, where a run returns the last one (`training.keep=last`)."""
-SHIPPED = Path(__file__).parents[1] / "weights" / "generalist.safetensors"
-"""The model inside the package, for every layout: taught by exact labels; its card lies beside it."""
-Q_NETWORK = SHIPPED.with_name("q_network.safetensors")
-"""Another one there, for every layout, which learned from rewards alone: its outputs are Q-values."""
-
-
-class _ModelConfig(msgspec.Struct, forbid_unknown_fields=True):
-    """A model's config: the groups that build its networks, and what they learned from."""
-
-    layout: dict[str, Any]
-    reach: dict[str, Any]
-    instances: dict[str, Any]
-    agent: dict[str, Any]
-    network: dict[str, Any]
-    seed: Count | None = None
+"""The model of the best IPT, beside `MODEL_NAME`, where a run returns the last one (`training.keep=last`)."""
 
 
 def save_checkpoint(path: str | os.PathLike[str], parts: dict[str, Any]) -> None:
@@ -128,12 +112,7 @@ def load_model(
     Raises:
         InputError: no such file, a damaged one, one of another program, or one that names what files may not name.
     """
-    path = Path(path)
-    file = path / MODEL_NAME if path.is_dir() else path
+    file = file_of(path)
     with named(file):
         weights, header = read_tensors(file, MODEL_FORMAT)
-        config = checked(renamed(parse_json(header.get("config", "null"))), _ModelConfig)
-        plain = {name: value for name, value in msgspec.structs.asdict(config).items() if value is not None}
-        plain = plain if parts is None else {name: plain[name] for name in plain if name in parts}
-        check_classes(plain)
-    return weights, plain
+        return weights, config_of(header, parts)

@@ -8,9 +8,10 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from dore.world.instances import problems_of
+from dore.world.histogram import unpack
+from dore.world.kernels.tables import unsigned
 from dore.world.plan import Move, Plan, PlanError, Status, replay
-from dore.world.problem import Batch
+from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
 from dore.world.replayed import Moves, Replayed, replayed
 
@@ -59,6 +60,10 @@ class Planner(ABC):
         raw_plans = [raw_plan for part in parts_of(batch, self.group) for raw_plan in self.raw_plans(part)]
         return checked_plans(self.reach, batch, raw_plans, self.name)
 
+    def plan_one(self, problem: Problem) -> Plan:
+        """As `plan`, of one problem."""
+        return self.plan(Batch.of(problem))[0]
+
     @abstractmethod
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """What is found for each instance of a batch, before anything is checked."""
@@ -88,10 +93,11 @@ def checked_plans(reach: Reach, start: Batch, raw_plans: Sequence[RawPlan], plan
             # A cell off the board is off the board as 32 bits, too.
             cells[row, : 2 * len(raw_plan.moves)] = np.clip(np.array(raw_plan.moves).ravel(), -1, reach.n_cells)
     solved = np.array([raw_plan.status is Status.SOLVED for raw_plan in raw_plans], np.bool_)
-    right = replayed(reach, start, Moves(cells, n_moves, solved))
+    boards, targets = unsigned(start.board), start.target.cpu().numpy()
+    right = replayed(reach, boards, targets, Moves(cells, n_moves, solved))
     plans = [plan_of(raw_plan, right, row, planner) for row, raw_plan in enumerate(raw_plans[: right.n_right + 1])]
     if right.n_right < len(plans):
-        refuse(reach, start, right.n_right, plans[-1])
+        refuse(reach, boards[right.n_right], int(targets[right.n_right]), right.n_right, plans[-1])
     return plans
 
 
@@ -105,14 +111,14 @@ def plan_of(raw_plan: RawPlan, right: Replayed, row: int, planner: str) -> Plan:
     return Plan(raw_plan.status, moves, target, planner, *raw_plan[2:])
 
 
-def refuse(reach: Reach, start: Batch, row: int, plan: Plan) -> NoReturn:
-    """Say what is wrong with the plan of a row, in the words of the replay from the geometry.
+def refuse(reach: Reach, board: np.ndarray, target: int, row: int, plan: Plan) -> NoReturn:
+    """Say what is wrong with the plan of a row, in the words of the replay from the geometry; board: uint64[W].
 
     Raises:
         PlanError: always.
     """
-    alone = Batch(*(field[row : row + 1] for field in start))
-    (problem,) = problems_of(reach, alone)
+    obstacles = tuple(unpack(board, reach.n_cells).nonzero()[0].tolist())
+    problem = Problem(Scene(reach.layout, obstacles, target), reach)
     try:
         replay(problem, plan)
     except PlanError as error:

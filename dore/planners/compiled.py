@@ -9,13 +9,14 @@ from typing import overload
 
 import numpy as np
 
-from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan, parts_of, plan_of, refuse
+from dore.planners.base import EXHAUSTED, LOCKED, Planner, RawPlan, plan_of, refuse
+from dore.world.histogram import pack
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
 from dore.world.kernels.slices import Limits
 from dore.world.kernels.tables import unsigned
 from dore.world.plan import Plan, Status
-from dore.world.problem import Batch
+from dore.world.problem import Batch, Problem
 from dore.world.reach import Reach
 from dore.world.replayed import Moves, Replayed, replayed
 
@@ -45,31 +46,47 @@ class Compiled(Planner):
 
     def find(self, batch: Batch) -> slices.Found:
         """What is found for many instances, as arrays, unchecked: some 150,000 small ones a second."""
-        return slices.run(self.kernel, self.reach.table, unsigned(batch.board), batch.target.cpu().numpy(), self.limits)
+        return self._search(unsigned(batch.board), batch.target.cpu().numpy())
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """The plans of a batch; the wall time is shared out by the CPU time that each took."""
-        found, share = self._timed(batch)
+        began = time.perf_counter()
+        found = self.find(batch)
+        share = _share(found, began)
         return [raw_plan_of(found, row, share) for row in range(len(batch.target))]
 
     def plan(self, batch: Batch) -> Sequence[Plan]:
         """As of any planner; but each plan is made into a `Plan` only when it is asked for."""
+        return self._planned(unsigned(batch.board), batch.target.cpu().numpy())
+
+    def plan_one(self, problem: Problem) -> Plan:
+        """As `plan`, of one problem, without torch."""
+        occupied = np.zeros((1, self.reach.n_cells), np.bool_)
+        occupied[0, list(problem.scene.obstacles)] = True
+        return self._planned(pack(occupied), np.array([problem.scene.target]))[0]
+
+    def _search(self, boards: np.ndarray, targets: np.ndarray) -> slices.Found:
+        return slices.run(self.kernel, self.reach.table, boards, targets, self.limits)
+
+    def _planned(self, boards: np.ndarray, targets: np.ndarray) -> ReplayedPlans:
+        """Plans for uint64[B, W] boards and int64[B] targets."""
         plans = ReplayedPlans(self.name)
-        for part in parts_of(batch, self.group):
-            found, share = self._timed(part)
+        for first in range(0, len(targets), self.group):
+            part = boards[first : first + self.group], targets[first : first + self.group]
+            began = time.perf_counter()
+            found = self._search(*part)
+            share = _share(found, began)
             moves = Moves(found.moves, found.n_moves, found.outcome == slices.SOLVED)
-            right = replayed(self.reach, part, moves)
+            right = replayed(self.reach, *part, moves)
             plans.add(found, share, right)
-            if right.n_right < len(part.target):
-                row = len(plans) - len(part.target) + right.n_right
-                refuse(self.reach, batch, row, plans[row])
+            if (row := first + right.n_right) < len(plans):
+                refuse(self.reach, boards[row], int(targets[row]), row, plans[row])
         return plans
 
-    def _timed(self, batch: Batch) -> tuple[slices.Found, float]:
-        """What is found, and the wall seconds for each CPU nanosecond."""
-        began = time.perf_counter()
-        found = self.find(batch)
-        return found, (time.perf_counter() - began) / max(1, int(found.cpu_ns.sum()))
+
+def _share(found: slices.Found, began: float) -> float:
+    """The wall seconds since `began` for each CPU nanosecond."""
+    return (time.perf_counter() - began) / max(1, int(found.cpu_ns.sum()))
 
 
 def raw_plan_of(found: slices.Found, row: int, share: float) -> RawPlan:

@@ -1,23 +1,15 @@
-"""Scene and plan files (JSON, ids 1..G), and named tensors with a text header (safetensors).
-
-Reading checks everything; writing replaces the file whole.
-"""
+"""Scene and plan files (JSON, ids 1..G). Reading checks everything; writing replaces the file whole."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 from typing import Annotated, Any
 
 import msgspec
-import torch
 from msgspec import Meta
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
-from torch import Tensor
 
 from dore.errors import InputError, shown
-from dore.files import atomic_write, write_record
+from dore.files import write_record
 from dore.schema import Count, Degrees, checked, named, read_json
 from dore.world.base_frame import BaseFrame, check_base_frame, in_base_frame
 from dore.world.layout import MAX_CELLS, Layout
@@ -154,50 +146,6 @@ def write_plan(path: str | os.PathLike[str], file: PlanFile) -> None:
         base_frame=in_base_frame(file.problem, plan),
     )
     write_record(path, msgspec.to_builtins(fields))
-
-
-def write_tensors(path: str | os.PathLike[str], tensors: dict[str, Tensor], header: dict[str, str]) -> None:
-    """Replace the file at `path` by these tensors; `header` must name their "format"."""
-    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    data = save(plain, {**header, "digest": _digest(plain, header)})
-    with atomic_write(path, "wb") as file:
-        file.write(data)
-
-
-def read_tensors(path: str | os.PathLike[str], wanted_format: str) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Tensors, on the CPU, and header. Files of version 0.1 have no digest.
-
-    Raises:
-        InputError: no such file, a damaged one, one of another format, or a number that is not finite; does not name
-            the file, which `named` does.
-    """
-    try:
-        with safe_open(os.fspath(path), framework="pt") as file:
-            header = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError:
-        raise InputError("no such file") from None
-    except (SafetensorError, OSError) as error:
-        raise InputError(f"cut off or damaged ({str(error).splitlines()[0]})") from None
-    if header.get("format") != wanted_format:
-        raise InputError(f"format {shown(header.get('format'))}, want {wanted_format}")
-    if header.pop("digest", None) not in (None, _digest(tensors, header)):
-        raise InputError("cut off or damaged (its digest is not that of its content)")
-    for name, tensor in tensors.items():
-        if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
-            raise InputError(f"{name}: holds numbers that are not finite, want finite ones")
-    return tensors, header
-
-
-def _digest(tensors: dict[str, Tensor], header: dict[str, str]) -> str:
-    """SHA-256 of the tensors and the header, whatever order they lie in."""
-    seal = hashlib.sha256()
-    for key, text in sorted(header.items()):
-        seal.update(f"{key}={text};".encode())
-    for name, tensor in sorted(tensors.items()):
-        seal.update(f"{name} {tensor.dtype} {list(tensor.shape)};".encode())
-        seal.update(tensor.reshape(-1).view(torch.uint8).numpy().data)
-    return seal.hexdigest()
 
 
 def _fields(data: object, formats: tuple[str, ...]) -> Any:

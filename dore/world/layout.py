@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-import torch
-from torch import Tensor
+import numpy as np
 
 from dore.errors import InputError, number, shown, whole
 from dore.schema import checked
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 MAX_CELLS = 1024
 """The accessibility table grows with the square of the cells."""
@@ -44,7 +46,7 @@ class Layout:
         object.__setattr__(self, "cells", _centres(self.cells))
         if self.grid_shape is not None:
             object.__setattr__(self, "grid_shape", _shape(self.grid_shape, self.cells, self.cell_m))
-        gap, one, other = _nearest_two(self.centres)
+        gap, one, other = _nearest_two(self.places)
         if gap < OBJECT_M - 1e-9:
             raise InputError(
                 f"layout.cells: the centres of cells {one + 1} and {other + 1} are {gap:.3g} m apart, "
@@ -95,13 +97,22 @@ class Layout:
         return min(x for x, _ in self.cells) - self.cell_m / 2
 
     @cached_property
+    def places(self) -> np.ndarray:
+        """float64[G, 2]: centre of each cell, metres."""
+        return np.array(self.cells)
+
+    @cached_property
     def centres(self) -> Tensor:
-        """Float64[G, 2]: centre of each cell, metres."""
+        """Float64[G, 2]: the same as a tensor."""
+        import torch
+
         return torch.tensor(self.cells, dtype=torch.float64)
 
     @cached_property
     def mirror(self) -> Tensor | None:
         """Int64[G]: each cell's mirror image about the robot's x axis; None where the layout has none."""
+        import torch
+
         distance = torch.cdist(self.centres * torch.tensor([1.0, -1.0], dtype=torch.float64), self.centres)
         nearest, cell = distance.min(-1)
         return cell if bool((nearest < 1e-6).all()) else None
@@ -112,7 +123,7 @@ class Layout:
             return True
         if self.n_cells != other.n_cells or not math.isclose(self.cell_m, other.cell_m, abs_tol=1e-9):
             return False
-        return bool((self.centres - other.centres).abs().max() <= 1e-9)
+        return bool(np.abs(self.places - other.places).max() <= 1e-9)
 
     def __str__(self) -> str:
         """As messages name it."""
@@ -201,10 +212,10 @@ def _shape(shape: Any, cells: tuple[tuple[float, float], ...], cell_m: float) ->
     return rows, cols
 
 
-def _nearest_two(centres: Tensor) -> tuple[float, int, int]:
+def _nearest_two(places: np.ndarray) -> tuple[float, int, int]:
     """The smallest distance between two centres, metres, and which cells' they are; infinity for a single cell."""
-    distance = torch.cdist(centres, centres, compute_mode="donot_use_mm_for_euclid_dist")
-    distance.fill_diagonal_(math.inf)
-    nearest, other = distance.min(-1)
-    one = int(nearest.argmin())
-    return float(nearest[one]), one, int(other[one])
+    dx, dy = (places[:, None] - places).transpose(2, 0, 1)
+    distance = np.hypot(dx, dy)
+    np.fill_diagonal(distance, math.inf)
+    one, other = divmod(int(distance.argmin()), len(places))
+    return float(distance[one, other]), one, other

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, NamedTuple
 
 from dore.errors import InputError, integer, shown
-from dore.world.board import pack
 from dore.world.layout import Layout
 from dore.world.reach import Reach
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 @dataclass(frozen=True)
@@ -78,6 +77,10 @@ class Batch(NamedTuple):
     @classmethod
     def of(cls, problem: Problem) -> Batch:
         """One problem as a batch, on the device of its reach; the target may be accessible."""
+        import torch
+
+        from dore.world.board import pack
+
         occupied = torch.zeros(1, problem.reach.n_cells, dtype=torch.bool, device=problem.reach.device)
         occupied[0, list(problem.scene.obstacles)] = True
         return cls(pack(occupied), torch.tensor([problem.scene.target], device=problem.reach.device))

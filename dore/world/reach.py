@@ -9,24 +9,26 @@ from __future__ import annotations
 import copy
 import math
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from dore.errors import InputError, number, whole
-from dore.world import board as boards
+from dore.world import histogram
+from dore.world.histogram import EDGE_RAD
 from dore.world.kernels.replay import Sectors
-from dore.world.kernels.tables import Table, table_of, unsigned
+from dore.world.kernels.tables import Table, table_of
 from dore.world.layout import Layout
+
+if TYPE_CHECKING:  # Half of a cold start: plans of compiled planners do without.
+    import torch
+    from torch import Tensor
 
 MAX_SECTORS = 720
 MAX_TABLE = 64_000_000
 """Entries of the table, cells x sectors x cells: 32 x 32 cells with 60 sectors are the most, and take some seconds."""
-CHUNK = 64
-"""Cells whose part of the table is computed at once, for memory's sake."""
-EDGE_RAD = 1e-9
-"""A sector that lies this near an obstacle's edge counts as covered, so that rounding never decides."""
+TENSORS = ("sectors_deg", "mirror", "allowed_sectors", "blockers", "blocking_sets", "_reachable")
+"""What is made into tensors, on the reach's device, when it is first asked for."""
 
 
 class Reach:
@@ -80,12 +82,13 @@ class Reach:
                 f"reach.n_sectors: {self.n_sectors} on {layout.n_cells} cells make a table of {size:,} entries, "
                 f"want {MAX_TABLE:,} at most: fewer sectors or cells"
             )
-        self.sectors_deg = torch.linspace(-self.half_fan_deg, self.half_fan_deg, self.n_sectors, dtype=torch.float64)
-        self.mirror = layout.mirror
-        self.allowed_sectors = self._allowed_sectors()
-        self.blockers = boards.pack(self._covered())
-        self.blocking_sets = self._undominated()
-        self._reachable = self.allowed_sectors.any(-1)
+        degrees = histogram.evenly(self.half_fan_deg, self.n_sectors)
+        blocking = histogram.blockers(layout.places, degrees, self.clearance_m)
+        self.degrees = [*degrees.tolist(), math.nan]
+        """Of each sector, counter-clockwise; and at the end, as of no sector, nan."""
+        self.histogram = Sectors(blocking, self._allowed(degrees), np.abs(degrees).argsort(kind="stable"))
+        """All sectors of each cell, as the compiled replay takes them."""
+        self._device = "cpu"
 
     @property
     def n_cells(self) -> int:
@@ -95,23 +98,59 @@ class Reach:
     @property
     def n_words(self) -> int:
         """W."""
-        return int(self.blockers.shape[-1])
+        return int(self.histogram.blockers.shape[-1])
 
     @property
     def device(self) -> torch.device:
-        """Where the table lies."""
+        """Where the tensors lie."""
         return self.blockers.device
 
     def to(self, device: torch.device | str) -> Reach:
-        """The same reach with its table on `device`.
+        """The same reach with its tensors on `device`.
 
         Raises:
             InputError: no such device.
         """
-        moved, device = copy.copy(self), device_of(device)
-        tensors = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, Tensor)}
-        vars(moved).update(tensors)
+        moved = copy.copy(self)
+        if device != self._device:
+            moved._device = str(device_of(device))
+            for name in TENSORS:
+                vars(moved).pop(name, None)
         return moved
+
+    @cached_property
+    def sectors_deg(self) -> Tensor:
+        """Float64[S]: degrees about the direction to the base, counter-clockwise."""
+        return self._tensor(np.array(self.degrees[:-1]))
+
+    @cached_property
+    def mirror(self) -> Tensor | None:
+        """As of the layout."""
+        return None if self.layout.mirror is None else self.layout.mirror.to(self._device)
+
+    @cached_property
+    def allowed_sectors(self) -> Tensor:
+        """Bool[G, S]: the corridors the arm itself can follow, whatever stands on the board."""
+        return self._tensor(self.histogram.allowed)
+
+    @cached_property
+    def blockers(self) -> Tensor:
+        """Int64[G, S, W]: the cells on which an obstacle covers a sector."""
+        return self._tensor(self.histogram.blockers.view(np.int64))
+
+    @cached_property
+    def blocking_sets(self) -> Tensor:
+        """Int64[D, G, W]: see `histogram.undominated`."""
+        return self._tensor(self._sets.view(np.int64))
+
+    @cached_property
+    def _reachable(self) -> Tensor:
+        """Bool[G]: whether any corridor leads to a cell."""
+        return self.allowed_sectors.any(-1)
+
+    @cached_property
+    def _sets(self) -> np.ndarray:
+        return histogram.undominated(self.histogram.blockers, self.histogram.allowed)
 
     @cached_property
     def table(self) -> Table:
@@ -120,18 +159,12 @@ class Reach:
         Raises:
             InputError: the layout has more cells than the kernels hold.
         """
-        return table_of(self.blocking_sets, self.allowed_sectors.any(-1), self.n_cells)
+        return table_of(self._sets, np.asarray(self.histogram.allowed.any(-1)), self.n_cells)
 
-    @cached_property
-    def histogram(self) -> Sectors:
-        """All sectors of each cell, as the compiled replay takes them."""
-        order = self.sectors_deg.abs().argsort(stable=True).cpu().numpy()
-        return Sectors(unsigned(self.blockers), self.allowed_sectors.cpu().numpy(), order)
+    def _tensor(self, array: np.ndarray) -> Tensor:
+        import torch
 
-    @cached_property
-    def degrees(self) -> list[float]:
-        """Of each sector, counter-clockwise; and at the end, as of no sector, nan."""
-        return [*self.sectors_deg.tolist(), math.nan]
+        return torch.from_numpy(array).to(self._device)
 
     def same_as(self, other: Reach) -> bool:
         """Whether both judge the same cells alike."""
@@ -153,6 +186,10 @@ class Reach:
         Raises:
             InputError: `occupied` is not a boolean tensor of that shape.
         """
+        import torch
+
+        from dore.world import board as boards
+
         if occupied.dtype is not torch.bool or occupied.ndim != 2 or occupied.shape[1] != self.n_cells:
             raise InputError(f"occupied: got {occupied.dtype}{list(occupied.shape)}, want Bool[B, {self.n_cells}]")
         return self.accessible_packed(boards.pack(occupied))
@@ -163,6 +200,8 @@ class Reach:
         Raises:
             InputError: other boards, as of 32 bits, which would lose cells.
         """
+        import torch
+
         if board.dtype != torch.int64 or board.shape[1:] != (self.n_words,):
             raise InputError(f"board: got {board.dtype}{list(board.shape)}, want Int64[B, {self.n_words}]")
         words = [word[:, None] for word in board.unbind(-1)]
@@ -195,6 +234,8 @@ class Reach:
             Float64[B], degrees about the direction from the cell to the base, counter-clockwise; nan for a cell that
             is not accessible.
         """
+        import torch
+
         free = self.free_sectors(board, cell)
         from_zero = torch.where(free, self.sectors_deg.abs(), math.inf)
         return self.sectors_deg[from_zero.argmin(-1)].masked_fill(~free.any(-1), math.nan)
@@ -204,51 +245,17 @@ class Reach:
         names = ("clearance_m", "half_fan_deg", "n_sectors", "staging_m", "lateral_limit_m", "max_yaw_deg")
         return {name: value for name in names if (value := getattr(self, name))}
 
-    def _allowed_sectors(self) -> Tensor:
+    def _allowed(self, degrees: np.ndarray) -> np.ndarray:
         """Bool[G, S]: the corridors the arm itself can follow, whatever stands on the board."""
-        centre = self.layout.centres
-        heading = torch.atan2(centre[:, 1], centre[:, 0])[:, None] + self.sectors_deg.deg2rad()
-        allowed = torch.ones_like(heading, dtype=torch.bool)
+        x, y = self.layout.places.T[:, :, None]
+        heading = np.arctan2(y, x) + np.radians(degrees)
+        allowed = np.ones_like(heading, dtype=np.bool_)
         if self.max_yaw_deg is not None:
-            allowed &= heading.abs() <= math.radians(self.max_yaw_deg) + EDGE_RAD
+            allowed &= np.abs(heading) <= math.radians(self.max_yaw_deg) + EDGE_RAD
         if self.lateral_limit_m is not None:
-            to_staging = centre[:, :1] - (self.layout.front_m - self.staging_m)
-            crossing = centre[:, 1:] - to_staging * heading.tan()
-            allowed &= (heading.cos() > 0) & (crossing.abs() <= self.lateral_limit_m + EDGE_RAD)
+            crossing = y - (x - (self.layout.front_m - self.staging_m)) * np.tan(heading)
+            allowed &= (np.cos(heading) > 0) & (np.abs(crossing) <= self.lateral_limit_m + EDGE_RAD)
         return allowed
-
-    def _covered(self) -> Tensor:
-        """Bool[G, S, G]: whether an obstacle on cell k covers sector s of cell g."""
-        parts = [self._covered_from(cells) for cells in torch.arange(self.n_cells).split(CHUNK)]
-        return torch.cat(parts)
-
-    def _covered_from(self, cells: Tensor) -> Tensor:
-        """Bool[C, S, G]: `_covered` of Int64[C] cells."""
-        centre = self.layout.centres
-        offset = centre[None] - centre[cells, None]
-        distance = offset.norm(dim=-1)
-        to_base = torch.atan2(-centre[cells, 1], -centre[cells, 0])
-        bearing = torch.atan2(offset[..., 1], offset[..., 0]) - to_base[:, None]
-        ratio = (self.clearance_m / distance.clamp_min(1e-12)).clamp_max(1.0)
-        off = bearing[:, None, :] - self.sectors_deg.deg2rad()[None, :, None]
-        off = torch.atan2(off.sin(), off.cos()).abs()
-        covered = off <= torch.asin(ratio)[:, None, :] + EDGE_RAD
-        return covered & (cells[:, None] != torch.arange(self.n_cells))[:, None, :]
-
-    def _undominated(self) -> Tensor:
-        """Int64[D, G, W]: for each cell, the sets of cells that must be empty for one of its corridors to be free.
-
-        A set that contains another is left out: its corridor is free only where the other one is. Cells with fewer than
-        D sets repeat one; a cell that no corridor leads to has the full board.
-        """
-        closed = boards.pack(torch.ones(1, self.n_cells, dtype=torch.bool))
-        kept: list[Tensor] = []
-        for g in range(self.n_cells):
-            sets = boards.unpack(self.blockers[g][self.allowed_sectors[g]], self.n_cells).unique(dim=0)
-            contains = (sets[:, None] | ~sets[None]).all(-1).fill_diagonal_(False)
-            kept.append(boards.pack(sets[~contains.any(-1)]) if len(sets) else closed)
-        most = max(len(sets) for sets in kept)
-        return torch.stack([torch.cat([sets, sets[-1:].repeat(most - len(sets), 1)]) for sets in kept], 1)
 
 
 def device_of(name: torch.device | str) -> torch.device:
@@ -257,6 +264,8 @@ def device_of(name: torch.device | str) -> torch.device:
     Raises:
         InputError: no such device on this machine.
     """
+    import torch
+
     try:
         device = torch.device(name)
     except (RuntimeError, TypeError):

@@ -11,8 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dore.world.kernels.replay import replay
-from dore.world.kernels.tables import unsigned
-from dore.world.problem import Batch
 from dore.world.reach import Reach
 
 
@@ -44,13 +42,13 @@ class Replayed(NamedTuple):
         return [self.degrees[sector] for sector in self.sectors[row, : 2 * n_moves + 1].tolist()]
 
 
-def replayed(reach: Reach, start: Batch, moves: Moves) -> Replayed:
-    """Replay plans, one each from Int64[B, W] boards with Int64[B] targets, up to the first that breaks a rule.
+def replayed(reach: Reach, boards: np.ndarray, targets: np.ndarray, moves: Moves) -> Replayed:
+    """Replay plans, one each from uint64[B, W] boards with int64[B] targets, up to the first that breaks a rule.
 
     A direction is the free sector nearest 0 degrees: for a pick with the obstacle itself off the board and the target
     standing, for a place after the lift, for the target with every obstacle standing.
     """
-    boards, most = unsigned(start.board), int(moves.n_moves.max()) if len(moves.n_moves) else 0
+    most = int(moves.n_moves.max()) if len(moves.n_moves) else 0
     room, sectors = np.empty((most + 1, boards.shape[1]), np.uint64), np.empty((len(boards), 2 * most + 1), np.int16)
-    n_right = replay(tuple(reach.histogram), boards, start.target.cpu().numpy(), *moves, room, sectors)
+    n_right = replay(tuple(reach.histogram), boards, targets, *moves, room, sectors)
     return Replayed(n_right, sectors, reach.degrees)

@@ -6,17 +6,18 @@ import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-
-import torch
+from typing import TYPE_CHECKING
 
 from dore.errors import InputError, path_of
 from dore.schema import named, read_json
 from dore.world.files import read_scene, scene_of
-from dore.world.generator import InstanceSource
-from dore.world.instances import InstanceSet
 from dore.world.layout import Layout
 from dore.world.problem import Batch, Problem, Scene
 from dore.world.reach import Reach
+
+if TYPE_CHECKING:
+    from dore.world.generator import InstanceSource
+    from dore.world.instances import InstanceSet
 
 
 def read_scenes(path: str | os.PathLike[str]) -> list[Scene]:
@@ -86,6 +87,10 @@ class SceneInstances:
 
     def test(self, reach: Reach) -> InstanceSet:
         """All scenes; those whose target is accessible at the start are among them."""
+        import torch
+
+        from dore.world.instances import InstanceSet
+
         self.check_layout(reach.layout)
         boards, targets = zip(*(Batch.of(Problem(scene, reach)) for scene in self.scenes), strict=True)
         return InstanceSet(reach, torch.cat(boards), torch.cat(targets), accessible=True)

@@ -14,6 +14,7 @@ from dore.world.board import bit, pack
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
 from dore.world.kernels import slices
+from dore.world.kernels.tables import unsigned
 from dore.world.layout import Layout
 from dore.world.plan import Move, Plan, PlanError, Status, replay
 from dore.world.problem import Batch
@@ -26,6 +27,11 @@ REACHES = {
     "lateral": Reach(Layout.grid(4, 5, 0.12), **PUBLISHED, staging_m=0.05, lateral_limit_m=0.2),  # type: ignore[arg-type]
     "two words": Reach(Layout.grid(9, 9, 0.09), **WIDE_HAND, max_yaw_deg=20.0),  # type: ignore[arg-type]
 }
+
+
+def arrays(batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+    """Boards and targets as the kernels take them."""
+    return unsigned(batch.board), batch.target.numpy()
 
 
 def random_plans(reach: Reach, n: int) -> tuple[Batch, Moves]:
@@ -49,7 +55,7 @@ def test_it_agrees_with_the_geometry(name: str) -> None:
     batch, moves = random_plans(reach, 600)
     for row, problem in enumerate(problems_of(reach, batch)):
         alone = Batch(batch.board[row, None], batch.target[row, None])
-        found = replayed(reach, alone, Moves(*(field[row, None] for field in moves)))
+        found = replayed(reach, *arrays(alone), Moves(*(field[row, None] for field in moves)))
         n_moves = int(moves.n_moves[row])
         degrees = found.directions(0, n_moves)
         pairs = moves.cells[row, : 2 * n_moves].reshape(-1, 2).tolist()
@@ -75,10 +81,10 @@ def test_the_first_wrong_plan_is_named() -> None:
     reach = REACHES["3x5"]
     batch, moves = random_plans(reach, 50)
     idle = moves._replace(n_moves=np.zeros(50, np.int64), solved=np.zeros(50, np.bool_))
-    assert replayed(reach, batch, idle).n_right == 50
+    assert replayed(reach, *arrays(batch), idle).n_right == 50
     idle.n_moves[[20, 30]] = 1
     idle.cells[[20, 30], 0] = -1
-    assert replayed(reach, batch, idle).n_right == 20
+    assert replayed(reach, *arrays(batch), idle).n_right == 20
 
 
 class Wrong(Exact):
@@ -86,9 +92,9 @@ class Wrong(Exact):
 
     group = 8
 
-    def find(self, batch: Batch) -> slices.Found:
-        found = super().find(batch)
-        if len(batch.target) == 4:
+    def _search(self, boards: np.ndarray, targets: np.ndarray) -> slices.Found:
+        found = super()._search(boards, targets)
+        if len(targets) == 4:
             found.moves[2, 1] = found.moves[2, 0]
         return found
 
@@ -112,5 +118,6 @@ def test_plans_are_made_when_they_are_asked_for() -> None:
         replay(problem, plan)
         assert [(move.pick, move.place) for move in plan.moves] == raw_plan.moves
         assert (plan.status, plan.optimal_moves) == (raw_plan.status, raw_plan.optimal_moves)
+        assert planner.plan_one(problem).moves == plan.moves
     with pytest.raises(IndexError):
         plans[20]

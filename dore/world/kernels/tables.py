@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from torch import Tensor
 
 from dore.errors import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 MAX_WORDS = 16
 """The most words of a board: 1,024 cells. Compiling takes 6 to 10 s for each number of words, once a machine."""
@@ -26,15 +28,14 @@ class Table(NamedTuple):
     full: tuple[np.uint64, ...]
 
 
-def table_of(blocking_sets: Tensor, reachable: Tensor, n_cells: int) -> Table:
-    """The table of Int64[D, G, W], for each corridor the cells that block it, of Bool[G] cells that have any.
+def table_of(sets: np.ndarray, reachable: np.ndarray, n_cells: int) -> Table:
+    """The table of uint64[D, G, W], for each corridor the cells that block it, of bool[G] cells that have any.
 
     Raises:
         InputError: more cells than the kernels hold.
     """
     if n_cells > 64 * MAX_WORDS:
         raise InputError(f"layout: got {n_cells:,} cells, want {64 * MAX_WORDS:,} at most, as the kernels hold")
-    sets = unsigned(blocking_sets)
     most, _, words = sets.shape
     corridors = np.zeros((n_cells, most, words), np.uint64)
     n_corridors = np.zeros(n_cells, np.int64)

@@ -14,8 +14,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 
 from dore.errors import InputError
 from dore.planners.exact import Exact
@@ -135,6 +135,6 @@ def test_ctrl_c_is_heard_at_once() -> None:
 
 def test_more_cells_than_the_kernels_hold_are_refused() -> None:
     n_cells = 64 * MAX_WORDS + 1
-    sets = torch.zeros(1, n_cells, MAX_WORDS + 1, dtype=torch.int64)
+    sets = np.zeros((1, n_cells, MAX_WORDS + 1), np.uint64)
     with pytest.raises(InputError, match="layout: got 1,025 cells, want 1,024 at most"):
-        table_of(sets, torch.ones(n_cells, dtype=torch.bool), n_cells)
+        table_of(sets, np.ones(n_cells, np.bool_), n_cells)
