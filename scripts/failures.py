@@ -23,7 +23,7 @@ from dore.draw.board_art import CELL_INCH, LEGEND, draw_legend
 from dore.draw.boards import Panel, draw_panel, panels_of
 from dore.draw.style import INK, save_figure
 from dore.errors import InputError
-from dore.learn.checkpoint import SHIPPED
+from dore.learn.checkpoint import Q_NETWORK
 from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
@@ -42,7 +42,7 @@ class Options:
     """out: the folder of the rows. model: a run directory or a model file. boards: of each column."""
 
     out: Path
-    model: Path = SHIPPED
+    model: Path = Q_NETWORK
     columns: list[str] = field(default_factory=lambda: ["8x8_z3-13", "6x6_z3-8"])
     boards: int = 5000
     picture: Path = Path("docs/results/failures.png")
