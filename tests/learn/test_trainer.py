@@ -87,7 +87,7 @@ def test_a_run_leaves_its_files(tmp_path):
 
 
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(Learner, "update", lambda self, batch: torch.tensor(float("nan")))
+    monkeypatch.setattr(Learner, "update", lambda self, batch, lessons: torch.tensor(float("nan")))
     assert run("train", [*TINY, f"run_dir={tmp_path / 'run'}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "the loss is nan" in said
