@@ -130,8 +130,9 @@ class RelationNet(nn.Module):
 class Messages(nn.Module):
     """One round of messages, as what it adds to the features of the cells.
 
-    A corridor hears what stands in it and the cell that it leads to; a cell hears its best corridor, since one free
-    corridor is enough, and every corridor that it blocks; each hears the mean, the maximum and the target.
+    A corridor gets messages from what stands in it and from the cell that it leads to; a cell from its best corridor,
+    since one free corridor is enough, and from every corridor that it blocks; each from the mean, the maximum
+    and the target.
     """
 
     def __init__(self, width: int) -> None:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from dore.errors import InputError, number, seed_of, whole
 from dore.world.generator import PATIENCE, Difficulty, FreshInstances, InstanceSource
-from dore.world.instances import MOST_INSTANCES, InstanceSet
+from dore.world.instances import MOST_INSTANCES, InstanceSet, first_of_each
 from dore.world.labeller import Labeller
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -138,13 +138,12 @@ class OptimumSplits:
     def _set(self, reach: Reach, split: str, size: int) -> InstanceSet:
         """Different ones, in the order in which they are first drawn."""
         source = self.new(reach, split, self.seed)
-        found: dict[tuple[int, ...], None] = {}
+        found = torch.empty(0, reach.n_words + 1, dtype=torch.int64, device=reach.device)
         asked = 0
         while len(found) < size:
             asked += size
             if asked > PATIENCE * size:
                 raise InputError(f"instances: asked for {size} different ones of the {split} split, got {len(found)}")
-            rows = torch.cat([part.reshape(size, -1) for part in source.draw(size)], -1)
-            found.update(dict.fromkeys(map(tuple, rows.tolist())))
-        table = torch.tensor(list(found)[:size], dtype=torch.int64, device=reach.device)
-        return InstanceSet(reach, table[:, :-1].contiguous(), table[:, -1].contiguous())
+            board, target = source.draw(size)
+            found = first_of_each(torch.cat([found, torch.cat([board, target[:, None]], -1)]))
+        return InstanceSet(reach, found[:size, :-1].contiguous(), found[:size, -1].contiguous())

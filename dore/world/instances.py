@@ -98,7 +98,7 @@ class InstanceSet:
             drawn = [
                 torch.cat([board, target[:, None]], -1) for board, target in (fresh.candidates() for _ in range(draws))
             ]
-            longer = _first_of_each(torch.cat([found, *drawn]))
+            longer = first_of_each(torch.cat([found, *drawn]))
             # Twice as many each time, so that sorting them out takes time in proportion to their number.
             stale, draws = (stale + draws, 1) if len(longer) == len(found) else (0, 2 * draws)
             found = longer
@@ -126,7 +126,7 @@ class FixedInstances(InstanceSource):
         return self.instances.batch(rows.to(self.instances.board.device))
 
 
-def _first_of_each(rows: Tensor) -> Tensor:
+def first_of_each(rows: Tensor) -> Tensor:
     """The different rows of Int64[N, K], each where it first stood."""
     return rows[~_repeats(rows)]
 

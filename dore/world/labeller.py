@@ -71,7 +71,7 @@ class Labeller:
     def label(self, batch: Batch, enough: int | None = None) -> Labels:
         """The labels of a batch; of its first rows alone, once so many boards were expanded for them (None: of all)."""
         n, cells = len(batch.target), self.reach.n_cells
-        wasted = np.empty((n, cells, cells), np.int8)
+        wasted = np.full((n, cells, cells), ILLEGAL, np.int8)
         fewest = self._run(batch, wasted, enough)
         return Labels(torch.from_numpy(fewest), torch.from_numpy(wasted))
 
@@ -92,5 +92,4 @@ class Labeller:
                 *(fewest[part], rows),
             )
             done, left = done + n, None if left is None else left - now
-        wasted[done:] = ILLEGAL
         return fewest

@@ -166,7 +166,7 @@ def agent_from_config(config: Mapping[str, Any], reach: Reach) -> Agent:
 
 
 def _network_of(factory: NetworkFactory, **given: Any) -> torch.nn.Module:
-    """A network; a factory that wants `layout`, as in versions up to 0.2, is told what it gets instead."""
+    """A network; where a factory wants `layout`, as in versions up to 0.2, the error says what it gets instead."""
     try:
         network: torch.nn.Module = call(factory, "network", **given)
     except InputError as error:

@@ -32,8 +32,8 @@ class Sequential(Agent):
 
     Args:
         network: makes the pick and the place network, or the one that both share.
-        trunk: `separate`: a network each, as in the paper; `shared`: one network with two heads, which is also shown
-            which of them is asked.
+        trunk: `separate`: a network each, as in the paper; `shared`: one network with two heads, whose input also
+            says which of them is wanted.
         chain, failed_pick: see `dore.learn.losses.SequentialLoss`.
         reach, hyperparameters: see `Agent` and `Hyperparameters`.
 

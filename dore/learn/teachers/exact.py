@@ -80,9 +80,9 @@ class ExactTeacher:
         pick, place = move // self.reach.n_cells, move % self.reach.n_cells
         after = lift(board, pick) | bit(place, self.reach.n_words)
         goes_back = same(observed[keys.VISITED], after[:, None]).any(-1)
-        shown = has_best & ~goes_back & (torch.rand(len(best), device=best.device) < self.optimal)
+        taught = has_best & ~goes_back & (torch.rand(len(best), device=best.device) < self.optimal)
         for key, cell in ((keys.PICK, pick), (keys.PLACE, place)):
-            step[key] = torch.where(shown, cell, step[key])
+            step[key] = torch.where(taught, cell, step[key])
         step[LABELS], step[LABELLED] = packed(wasted), (wasted >= 0).flatten(1).any(-1)
         return step
 

@@ -103,9 +103,8 @@ def label(
     """The fewest moves int16[B] of uint64[B, W] boards, up to `most`, and int8[B, G, G] moves wasted.
 
     Stops before the next board once `enough` boards were expanded in all; returns how many rows are done. Where
-    `wasted` has no rows only the fewest moves are found.
+    `wasted` has no rows only the fewest moves are found; it holds ILLEGAL everywhere before.
     """
-    wasted[:] = ILLEGAL
     expansions = 0
     for i in range(len(boards)):
         if expansions >= enough:
