@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from resource import getpagesize
 from subprocess import PIPE
@@ -95,6 +95,8 @@ GROWING += [dense(8, 8, percent) for percent in (9, 20, 30, 41, 50, 59)]
 WORLDS = [*product([(3, 6), *((n, n) for n in range(5, 11))], ("wide_hand", "paper_fit", "published"))]
 WORLDS += [((3, 6), "panda_slim"), ((3, 6), "jaco"), ((3, 4), "panda")]
 ALL = [dense(*size, percent, reach) for (size, reach), percent in product(WORLDS, range(10, 70, 10))]
+MANY = ((30, 330), (50, 110), (100, 20))
+"""Up to how many cells how many instances of a set are compared: the earlier search of a large one takes long."""
 
 
 @dataclass(frozen=True)
@@ -144,42 +146,69 @@ def boards(sets: list[Boards], n: int, size: int, limits: Limits, old: bool, opt
                 reach, batch = one.draw(min(options.limit, n))
                 planner, parts = Exact(reach, *limits), parts_of(batch, size)
                 planner.plan(parts[0])
-                found = [row for part in parts for row in planned(planner, part)]
+                found = searched(planner, parts)
                 if old:
                     given = [[field.tolist() for field in part] for part in parts]
                     world = [reach.layout.cells, reach.layout.cell_m, reach.to_dict(), limits]
                     print(json.dumps([*world, given]), file=other.stdin, flush=True)
-                    again = [row for part in parts for row in planned(planner, part)]
+                    again = searched(planner, parts)
                     for row, theirs, second in zip(found, json.loads(other.stdout.readline()), again, strict=True):
                         row |= theirs | {key: (row[key] + second[key]) / 2 for key in ("search_ms", "kernel_ms")}
+                add_plans(planner, parts, found)
                 n_obstacles = f"{one.low}" if one.low == one.high else f"{one.low}-{one.high}"
                 names = {"cells": f"{one.rows} x {one.cols}", "obstacles": n_obstacles, "reach": one.reach}
                 rows += [names | row for row in found]
     return rows
 
 
-def planned(planner: Exact, batch: Batch) -> Rows:
-    """Boards planned at once; the time is shared out evenly, but for the compiled part's."""
-    began = process_time()
-    found = planner.find(batch)
-    times = {"search_ms": process_time() - began}
-    ended = [STATUS.get(outcome, Status.GAVE_UP) for outcome in found.outcome.tolist()]
-    if set(ended) != {Status.GAVE_UP}:
+def compared(options: Options) -> Rows:
+    """All layouts up to 10 x 10, all reaches and densities, with this search and with the earlier one."""
+    rows, least = [], 0
+    for most, n in MANY:
+        sets = [one for one in ALL if least < one.rows * one.cols <= most]
+        rows += boards(sets, n, n, (20, 60.0, 1500.0), True, options)
+        least = most
+    return rows
+
+
+def searched(planner: Exact, parts: list[Batch]) -> Rows:
+    """A search of each part, and nothing else between two; its time is shared out evenly, but for the compiled part's.
+
+    Memory is that of the whole process.
+    """
+    rows: Rows = []
+    for part in parts:
         began = process_time()
-        plans = planner.plan(batch)
-        times["replay_ms"] = process_time() - began
-        list(plans)
-        times["plan_ms"] = process_time() - began
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    same = {key: 1000 * seconds / len(ended) for key, seconds in times.items()} | {
-        "memory_mb": pages * getpagesize() / 2**20
-    }
-    rows = zip(ended, found.n_moves.tolist(), found.cpu_ns.tolist(), strict=True)
-    return [{"status": str(status), "moves": moves, "kernel_ms": ns / 1e6, **same} for status, moves, ns in rows]
+        found = planner.find(part)
+        ms, n = 1000 * (process_time() - began), len(part.target)
+        mb = int(Path("/proc/self/statm").read_text().split()[1]) * getpagesize() / 2**20
+        for outcome, moves, ns in zip(
+            found.outcome.tolist(), found.n_moves.tolist(), found.cpu_ns.tolist(), strict=True
+        ):
+            status = str(STATUS.get(outcome, Status.GAVE_UP))
+            one = {"status": status, "moves": moves, "kernel_ms": ns / 1e6, "search_ms": ms / n, "memory_mb": mb}
+            rows.append(one)
+    return rows
+
+
+def add_plans(planner: Exact, parts: list[Batch], rows: Rows) -> None:
+    """The times of a search with the replay, and with a `Plan` of each, of parts that are not given up throughout."""
+    ends = iter(rows)
+    for part in parts:
+        of_part = list(islice(ends, len(part.target)))
+        times = dict.fromkeys(("replay_ms", "plan_ms"))
+        if any(row["status"] != Status.GAVE_UP for row in of_part):
+            began = process_time()
+            plans = planner.plan(part)
+            times["replay_ms"] = 1000 * (process_time() - began) / len(plans)
+            list(plans)
+            times["plan_ms"] = 1000 * (process_time() - began) / len(plans)
+        for row in of_part:
+            row |= times
 
 
 def cold(options: Options) -> Rows:
-    """dore-plan of both commits in turn, five times after one that does not count: CPU seconds of the process."""
+    """dore-plan of both commits in turn, three times after one that does not count: CPU seconds of the process."""
     rows = []
     with earlier(options.commit) as there:
         words = [
@@ -188,7 +217,7 @@ def cold(options: Options) -> Rows:
             "reach=wide_hand",
             f"out={there['cwd']}/p.json",
         ]
-        for _, (name, package, how) in product(range(6), (("earlier", "", there), ("now", "app.", {}))):
+        for _, (name, package, how) in product(range(4), (("earlier", "", there), ("now", "app.", {}))):
             before = os.times()
             subprocess.run([sys.executable, "-c", PLAN.format(package), *words], **how, check=True, capture_output=True)
             seconds = sum(os.times()[2:4]) - sum(before[2:4])
@@ -203,8 +232,8 @@ PARTS: dict[str, Callable[[Options], Rows]] = {
     "growth": partial(boards, GROWING, 15, 1, (10**7, 4.0, 2048.0), False),
     "throughput": partial(boards, 5 * [Boards(8, 8, 3, 13)], 10_000, 10_000, (10**7, 5.0, 2048.0), False),
     "cold": cold,
-    "against": partial(boards, SIX, 120, 1, (10**7, 5.0, 1500.0), True),
-    "agreement": partial(boards, ALL, 140, 140, (100, 60.0, 1500.0), True),
+    "against": partial(boards, SIX, 60, 1, (10**7, 5.0, 1500.0), True),
+    "agreement": compared,
 }
 
 

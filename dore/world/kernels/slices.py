@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -176,38 +177,51 @@ _kept = threading.local()
 """This thread's room from the call before: to take it anew would be longer than most searches."""
 
 
-def first_room(nodes: int, words: int) -> tuple[Ways, Store]:
-    """Room for ways, and for so many nodes, which may hold what the search before has left."""
-    if getattr(_kept, "size", None) != (nodes, words):
-        _kept.size, _kept.room = (nodes, words), (new_ways(words), new_store(nodes, words))
-    room: tuple[Ways, Store] = _kept.room
-    return room
+class _Room(NamedTuple):
+    """What a search needs beside its results; it may hold what the search before has left."""
+
+    at: np.ndarray
+    is_open: np.ndarray
+    clock: np.ndarray
+    ways: Ways
+    store: Store
+
+
+def _first_room(nodes: int, words: int, corridors: int) -> _Room:
+    """Room for so many nodes, and for that many corridors of a target."""
+    if getattr(_kept, "size", None) != (nodes, words, corridors):
+        at, is_open, clock = np.zeros(8, np.int64), np.empty(corridors, np.int64), np.zeros(2, np.int64)
+        room = _Room(at, is_open, clock, new_ways(words), new_store(nodes, words))
+        _kept.size, _kept.room = (nodes, words, corridors), room
+    kept: _Room = _kept.room
+    return kept
+
+
+@lru_cache
+def _budgets(limits: Limits, n_cells: int, words: int) -> tuple[int, np.ndarray]:
+    """How many nodes to take room for at first, and `Work.limits`, of which each search needs a copy."""
+    most_room = int(min(max(1, limits.megabytes * 2**20 / bytes_a_node(words)), MOST_ROOM))
+    each = np.array([limits.seconds * 1e9, min(limits.nodes, 2**62), most_room, MOST_MOVES - 1], np.int64)
+    return min(most_room, FIRST_ROOM + n_cells * n_cells // 4), each
 
 
 def run(kernel: Callable[..., int], table: Table, boards: np.ndarray, targets: np.ndarray, limits: Limits) -> Found:
     """Search uint64[B, W] boards with int64[B] targets, slice by slice."""
-    n_cells, words = len(table.n_corridors), boards.shape[1]
-    most_room = int(min(max(1, limits.megabytes * 2**20 / bytes_a_node(words)), MOST_ROOM))
-    nodes = min(most_room, FIRST_ROOM + n_cells * n_cells // 4)
-    ways, store = first_room(nodes, words)
-    work = Work(
-        np.zeros(8, np.int64),
-        np.array([limits.seconds * 1e9, min(limits.nodes, 2**62), most_room, MOST_MOVES - 1], np.int64),
-        np.zeros((len(boards), 6), np.int64),
-        np.empty((len(boards), 2 * MOST_MOVES), np.int32),
-        np.empty(table.corridors.shape[1], np.int64),
-        np.zeros(2, np.int64),
-        ways,
-    )
-    given = (tuple(table), boards, targets, work[:-1], tuple(work.ways))
+    (n_cells, corridors, words), n = table.corridors.shape, len(boards)
+    nodes, each = _budgets(limits, n_cells, words)
+    at, is_open, clock, ways, store = _first_room(nodes, words, corridors)
+    at[:] = 0
+    found, moves = np.zeros((n, 6), np.int64), np.empty((n, 2 * MOST_MOVES), np.int32)
+    work = Work(at, each.copy(), found, moves, is_open, clock, ways)
+    given = (tuple(table), boards, targets, work[:-1], tuple(ways))
     while (outcome := kernel(*given, tuple(store))) != RUNNING:
         if outcome == FULL:
             began = time.thread_time_ns()
             try:
-                store = grown(store, min(2 * len(store.board), most_room))
+                store = grown(store, min(2 * len(store.board), int(each[MAX_ROOM])))
             except MemoryError:
                 work.limits[MAX_ROOM] = 0
-            work.at[SPENT_NS] += time.thread_time_ns() - began
-        elif work.at[STARTED] == 0:
-            ways, store = first_room(nodes, words)  # A hard board's is long to clear.
-    return Found(work.found, work.moves)
+            at[SPENT_NS] += time.thread_time_ns() - began
+        elif at[STARTED] == 0:
+            store = _first_room(nodes, words, corridors).store  # A hard board's is long to clear.
+    return Found(found, moves)
