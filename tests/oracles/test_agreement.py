@@ -17,7 +17,7 @@ from tests.oracles.torch_exact import TorchExact
 def check(rows: int, cols: int, keys: dict[str, float], n: int) -> int:
     """How many of 6 n boards of 10 to 60 % density both decide, all of them alike; each compiled plan is replayed."""
     reach = Reach(Layout.grid(rows, cols, 0.12), **keys)  # type: ignore[arg-type]
-    ours, theirs = Exact(reach, 10**6, 2.0, 500.0), TorchExact(reach, 20_000, 0.5, 200.0)
+    ours, theirs = Exact(reach, 10**6, 2.0, 500.0), TorchExact(reach, 20_000, 2.0, 200.0)
     decided = 0
     for tenths in range(1, 7):
         n_obstacles = max(1, tenths * rows * cols // 10)
