@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from dore.errors import whole
 from dore.planners.priors import Prior
 from dore.world.board import bit
 from dore.world.problem import Batch
@@ -26,6 +27,14 @@ class Shape(NamedTuple):
     width: int
     picks: int
     places: int
+
+    def checked(self, options: str) -> Shape:
+        """This shape; `options` is its place in the config.
+
+        Raises:
+            InputError: a number outside its domain.
+        """
+        return Shape(*(whole(f"{options}.{name}", n, 1, at_most=4096) for name, n in self._asdict().items()))
 
 
 @dataclass
