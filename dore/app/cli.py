@@ -46,6 +46,7 @@ def _main(name: str) -> None:
         return None
 
     own_parts.current_folder_importable()
+    own_parts.files_without_package()
     if _guarded(name, lambda: _check_groups(sys.argv[1:])) != ExitCode.OK:
         sys.exit(ExitCode.BAD_INPUT)
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
@@ -132,7 +133,7 @@ def _config_message(command: str, text: str) -> str:
     groups = [
         one
         for one in sys.argv[1:]
-        if own_parts.group_folders(one.partition("=")[0], sys.argv[1:]) and "=" in one and "," not in one
+        if own_parts.group_folders(one.partition("=")[0], sys.argv[1:]) and re.search(r"=(\[.*\]|[^,]*)$", one)
     ]
     try:
         with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):

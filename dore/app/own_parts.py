@@ -7,8 +7,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
+from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, open_dict
 
 from dore.configure import trust_command_line
@@ -17,7 +22,25 @@ from dore.files import conf_dir
 
 OWN_PROVIDERS = ("command-line", "hydra.searchpath")
 PACKAGES = {"planner": "planners.NAME", "logger": "loggers.NAME", "experiment": "_global_", "column": "_global_"}
-"""Groups whose files say themselves where their keys go, and what their first line names."""
+"""Groups whose keys do not go below the group's own name, and where those of a file without `# @package` go."""
+
+
+class OwnFiles(FileConfigSource):
+    """Config files; one that does not say where its keys go is read as if it said what its group wants."""
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """The file's keys, with a package."""
+        result = super().load_config(config_path)
+        group, _, option = config_path.removesuffix(".yaml").rpartition("/")
+        if group in PACKAGES and result.header.get("package") is None:
+            result.header["package"] = PACKAGES[group].replace("NAME", option)
+        return result
+
+
+def files_without_package() -> None:
+    """Let Hydra read config files as `OwnFiles` does."""
+    Plugins.instance()  # Registers Hydra's own sources, once.
+    SourcesRegistry.instance().types["file"] = OwnFiles
 
 
 def current_folder_importable() -> None:
@@ -80,7 +103,7 @@ def _check_files(cfg: DictConfig) -> None:
     """Refuse what would otherwise be left out without a word.
 
     Raises:
-        InputError: an own file of a name that the package has too, or one whose keys go where nothing reads them.
+        InputError: an own file of a name that the package has too, or a planner whose keys go where nothing reads them.
     """
     for root in (Path(url.removeprefix("file://")) for url in _own_sources()):
         for path in sorted(root.rglob("*.yaml")):
@@ -88,10 +111,13 @@ def _check_files(cfg: DictConfig) -> None:
             if shipped.is_file() and shipped.read_bytes() != path.read_bytes():
                 option = path.relative_to(root).with_suffix("")
                 raise InputError(f"{path}: the package has {option} too, which comes first; want another name")
-            group, package = path.relative_to(root).parts[0], PACKAGES.get(path.relative_to(root).parts[0], "")
-            if package and group in cfg and "@package" not in path.read_text(encoding="utf-8"):
-                wanted = package.replace("NAME", path.stem)
-                raise InputError(f"{path}: does not say where its keys go; want as its first line: # @package {wanted}")
+    chosen = [one for one in HydraConfig.get().overrides.task if one.startswith("planner=")]
+    value = OverridesParser.create().parse_override(chosen[-1]).value() if chosen else []
+    named = [str(one) for one in value] if isinstance(value, list) else [str(value)]
+    there = list(cfg.get("planners", {}))
+    if len(there) < len(named):
+        wanted = "want files whose first line is # @package planners.NAME, each its own NAME, or that have no such line"
+        raise InputError(f"planner: got {', '.join(named)}, of which {len(there)} can be used; {wanted}")
 
 
 def _own_sources() -> list[str]:
