@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from hydra._internal.core_plugins.file_config_source import FileConfigSource
+from hydra._internal.core_plugins import file_config_source
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
@@ -25,8 +25,11 @@ PACKAGES = {"planner": "planners.NAME", "logger": "loggers.NAME", "experiment": 
 """Groups whose keys do not go below the group's own name, and where those of a file without `# @package` go."""
 
 
-class OwnFiles(FileConfigSource):
-    """Config files; one that does not say where its keys go is read as if it said what its group wants."""
+class FileConfigSource(file_config_source.FileConfigSource):
+    """Config files; one that does not say where its keys go is read as if it said what its group wants.
+
+    Named as Hydra's own: in the workers of a launcher Hydra registers that one again, and refuses another name.
+    """
 
     def load_config(self, config_path: str) -> ConfigResult:
         """The file's keys, with a package."""
@@ -38,9 +41,9 @@ class OwnFiles(FileConfigSource):
 
 
 def files_without_package() -> None:
-    """Let Hydra read config files as `OwnFiles` does."""
+    """Let Hydra read config files as `FileConfigSource` of this module does."""
     Plugins.instance()  # Registers Hydra's own sources, once.
-    SourcesRegistry.instance().types["file"] = OwnFiles
+    SourcesRegistry.instance().types["file"] = FileConfigSource
 
 
 def current_folder_importable() -> None:

@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from hydra._internal.core_plugins import file_config_source
+from hydra._internal.sources_registry import SourcesRegistry
 
-from dore.app import sweep
+from dore.app import own_parts, sweep
 from tests.commands import TINY, complaints, run
 
 SCENE = ("layout=3x6", "reach=wide_hand", "instances=z3-5")
@@ -76,6 +78,12 @@ def test_planners_without_a_package_in_a_sweep_have_keys_of_their_own(own, tmp_p
     arguments = ["-m", *own, *SCENE, "planner=headless,bold", "limit=2", "hydra/launcher=basic", folder]
     assert run("evaluate", arguments) == 0
     assert len(list((tmp_path / "s").glob("*/rows.csv"))) == 2
+
+
+def test_a_launchers_worker_can_register_hydras_own_files_again():
+    own_parts.files_without_package()
+    SourcesRegistry.instance().register(file_config_source.FileConfigSource)  # Refused under another name.
+    assert SourcesRegistry.instance().types["file"] is own_parts.FileConfigSource
 
 
 def test_a_planner_whose_keys_go_elsewhere_is_not_left_out(own, tmp_path, capsys):
