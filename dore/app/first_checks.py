@@ -12,7 +12,8 @@ from dore.app import run_folder
 from dore.app.jobs import in_sweep
 from dore.configure import leaves
 from dore.errors import InputError, path_of, shown
-from dore.files import shipped_or
+from dore.files import conf_dir, shipped_or
+from dore.schema import nearest
 
 MAY_CHANGE = {"train": run_folder.BUDGET_KEYS, "evaluate": ()}
 """The keys that the command line may give beside `resume`."""
@@ -45,7 +46,8 @@ def _check_files(cfg: DictConfig) -> None:
         if value is None or value == "random" or isinstance(value, ListConfig):
             continue
         if not shipped_or(path_of(key, value), group).exists():
-            raise InputError(f"{value}: no such file")
+            packed = [path.stem for path in (conf_dir() / group).glob("*.json")] if group else []
+            raise InputError(f"{value}: no such file{nearest(str(value), packed)}")
 
 
 def _check_resume(folder: Path, may_change: Sequence[str]) -> None:
