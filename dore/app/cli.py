@@ -12,7 +12,7 @@ from importlib import import_module
 import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import InterpolationKeyError, OmegaConfBaseException
 
 from dore.app import first_checks, jobs, own_parts, renamed, sweep, sweep_job, usage
 from dore.errors import ExitCode, InputError
@@ -100,6 +100,8 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
         return work()
     except InputError as error:
         message = str(error)
+    except InterpolationKeyError as error:
+        message = _no_source(str(error))
     except (HydraException, OmegaConfBaseException) as error:
         message = _config_message(name, str(error))
     except BrokenPipeError:
@@ -112,6 +114,14 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
         message = f"{error.filename or 'disk'}: {error.strerror or error}"
     print(f"dore-{name}: {' '.join(message.split())}", file=sys.stderr)
     return ExitCode.BAD_INPUT
+
+
+def _no_source(text: str) -> str:
+    """OmegaConf's error about a value that is taken from a key which is not there, in a line."""
+    key, source = re.search(r"full_key: (\S+)", text), re.search(r"Interpolation key '([^']+)'", text)
+    if key is None or source is None:
+        return text
+    return f"{key[1]}: not given, and there is no {source[1]} to take it from; want {key[1]}=VALUE"
 
 
 def _config_message(command: str, text: str) -> str:

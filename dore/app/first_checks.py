@@ -30,8 +30,10 @@ def check(command: str, cfg: DictConfig) -> None:
     _check_files(cfg)
     if command == "execute" and (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
-    if command == "train" and cfg.existing not in ("refuse", "continue"):
-        raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
+    if command == "train":
+        OmegaConf.to_container(cfg, resolve=True)  # A value that is taken from a key which is not there.
+        if cfg.existing not in ("refuse", "continue"):
+            raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
     if in_sweep():
         return
     if cfg.get("resume") is not None:

@@ -128,11 +128,14 @@ class OptimumSplits:
         """Used once, at the end."""
         return self._set(reach, "test", self.test_size)
 
+    def most_obstacles(self, n_cells: int) -> int:
+        """The most that an instance may have."""
+        return _count(self.max_density, n_cells)
+
     def new(self, reach: Reach, split: str, seed: int) -> ChosenInstances:
         """New instances of a split without end."""
-        cells = reach.n_cells
-        low, high = (max(1, round(share * cells)) for share in (self.min_density, self.max_density))
-        fresh = FreshInstances(reach, Difficulty(low, high), split, seed)
+        difficulty = Difficulty(_count(self.min_density, reach.n_cells), self.most_obstacles(reach.n_cells))
+        fresh = FreshInstances(reach, difficulty, split, seed)
         return ChosenInstances(fresh, self.keep, self.max_nodes, self.max_moves)
 
     def _set(self, reach: Reach, split: str, size: int) -> InstanceSet:
@@ -147,3 +150,8 @@ class OptimumSplits:
             board, target = source.draw(size)
             found = first_of_each(torch.cat([found, torch.cat([board, target[:, None]], -1)]))
         return InstanceSet(reach, found[:size, :-1].contiguous(), found[:size, -1].contiguous())
+
+
+def _count(density: float, n_cells: int) -> int:
+    """How many obstacles a density stands for, at least one."""
+    return max(1, round(density * n_cells))

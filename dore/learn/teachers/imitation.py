@@ -14,7 +14,7 @@ from torch import Tensor
 from dore.errors import number
 from dore.learn import keys
 from dore.learn.agents.sequential import Sequential
-from dore.learn.features import mirrored_board, mirrored_cell
+from dore.learn.features import mirrored_by_chance
 from dore.learn.q_loss import masked
 from dore.learn.teachers.exact import ExactTeacher
 from dore.world.rules import lift
@@ -49,7 +49,7 @@ class Imitation(ExactTeacher):
         """Stored boards, as they are or mirrored, with labels for the pick and for the place after a pick."""
         board, target, wasted = batch[keys.BOARD], batch[keys.TARGET], self._labels(batch)
         if agent.symmetry:
-            board, target, wasted = self._mirrored_by_chance(board, target, wasted)
+            (board,), (target,), (wasted,) = mirrored_by_chance(self.reach, [board], [target], wasted)
         labelled = wasted >= 0
         after_pick = torch.where(labelled, wasted, LARGEST).amin(-1)
         pick = self._pick(after_pick, labelled.any(-1))
@@ -69,15 +69,6 @@ class Imitation(ExactTeacher):
                 },
             },
             batch_size=batch.batch_size,
-        )
-
-    def _mirrored_by_chance(self, board: Tensor, target: Tensor, wasted: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """About half of the rows mirrored: the same problems again."""
-        rows, mirror = torch.rand(len(board), device=board.device) < 0.5, self.reach.mirror
-        return (
-            torch.where(rows[:, None], mirrored_board(board, self.reach), board),
-            torch.where(rows, mirrored_cell(target, self.reach), target),
-            torch.where(rows[:, None, None], wasted[:, mirror][:, :, mirror], wasted),
         )
 
     def _pick(self, after_pick: Tensor, labelled: Tensor) -> Tensor:
