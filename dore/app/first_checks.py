@@ -10,12 +10,13 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from dore.app import run_folder
 from dore.app.jobs import in_sweep
+from dore.app.learning_keys import BUDGET_KEYS
 from dore.configure import leaves
 from dore.errors import InputError, path_of, shown
 from dore.files import conf_dir, shipped_or
 from dore.schema import nearest
 
-MAY_CHANGE = {"train": run_folder.BUDGET_KEYS, "evaluate": ()}
+MAY_CHANGE = {"train": BUDGET_KEYS, "evaluate": ()}
 """The keys that the command line may give beside `resume`."""
 KEPT_AS = {"planner": "planners", "arm": "arm.model._target_"}
 """Options whose choice a run's config keeps under another key."""

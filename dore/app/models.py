@@ -12,7 +12,8 @@ from typing import Any
 
 from omegaconf import ListConfig
 
-from dore.app.run_folder import LATER, LEARNING, read_config
+from dore.app.learning_keys import LATER, LEARNING
+from dore.app.run_folder import read_config
 from dore.configure import leaves
 from dore.errors import InputError, path_of
 from dore.files import CONFIG_FILE, DONE_FILE

@@ -16,8 +16,9 @@ from omegaconf import DictConfig, OmegaConf
 from torchrl.record.loggers import Logger
 
 from dore.app.build import MODEL
+from dore.app.learning_keys import learning_keys
 from dore.app.metrics import MetricsLog
-from dore.app.run_folder import CHECKPOINT, learning_keys, mark_done
+from dore.app.run_folder import CHECKPOINT, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import CURVE_FILE, METRICS_FILE

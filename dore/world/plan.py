@@ -12,7 +12,8 @@ from enum import StrEnum
 
 from dore.errors import InputError, integer, number, shown, whole
 from dore.world.problem import Problem, Scene, cell_id
-from dore.world.reach import EDGE_RAD, Reach
+from dore.world.histogram import EDGE_RAD
+from dore.world.reach import Reach
 
 
 class Status(StrEnum):
