@@ -66,7 +66,7 @@ class Made:
 
 
 def make(benchmark: Benchmark, report: Callable[[World, Made], None]) -> dict[str, np.ndarray]:
-    """All worlds of a benchmark, as its file holds them; `report` hears of each."""
+    """All worlds of a benchmark, as its file holds them; `report` is called for each."""
     found = {}
     for world in benchmark.worlds:
         made = make_world(benchmark, world)

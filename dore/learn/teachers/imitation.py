@@ -20,9 +20,9 @@ from dore.learn.teachers.exact import ExactTeacher
 from dore.world.rules import lift
 
 WASTED, LABELLED_CHOICE = "wasted", "labelled"
-"""Float[B, G]: the moves that a choice wastes, the best play after it; Bool[B, G]: choices that have a label."""
+"""Float[B, G]: the moves that a choice wastes, with optimal play after it; Bool[B, G]: choices that have a label."""
 ANY_PICK = 0.25
-"""Of the picks after which places are learned, the share that is drawn from all picks alike."""
+"""The share of picks that are drawn uniformly from all labelled ones; the places after them are then learned."""
 LARGEST = 9
 """More than any move wastes."""
 
@@ -31,8 +31,7 @@ class Imitation(ExactTeacher):
     """Teaches both heads to choose optimally: their outputs become the logarithms of a policy's probabilities.
 
     The loss of a head is -log(the probability of an optimal choice) + `waste` x (the moves that its choice is expected
-    to waste). Not in the paper, whose networks
-    learn from rewards alone.
+    to waste). Not in the paper, whose networks learn from rewards alone.
 
     Args:
         waste: see above.
@@ -72,7 +71,7 @@ class Imitation(ExactTeacher):
         )
 
     def _pick(self, after_pick: Tensor, labelled: Tensor) -> Tensor:
-        """Int64[B]: a pick after which places are learned: mostly an optimal one, as the policy soon makes."""
+        """Int64[B]: the picks whose places are learned: mostly optimal ones, as the policy soon makes."""
         optimal = labelled & (after_pick == after_pick.amin(-1, keepdim=True))
         share = [choices / choices.sum(-1, keepdim=True) for choices in (optimal, labelled)]
         return torch.multinomial((1 - ANY_PICK) * share[0] + ANY_PICK * share[1], 1).squeeze(-1)
