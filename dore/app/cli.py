@@ -28,7 +28,7 @@ SIMULATOR = ("mani_skill", "sapien", "pinocchio", "coal", "gymnasium", "imageio"
 
 
 def _main(name: str) -> None:
-    """Compose the config, run the command, exit with its code; what the user got wrong is one line and code 2."""
+    """Compose the config, run the command, exit with its code; a user error is one line and exit code 2."""
     if answer := usage.answer(name, sys.argv[1:]):
         print(answer)
         sys.exit(ExitCode.OK)
@@ -63,14 +63,14 @@ def _main(name: str) -> None:
 
 
 def _why_the_launcher_ended(error: Exception) -> str:
-    """An error of a sweeper or a launcher, in a line; joblib's calls any signal a segmentation fault."""
+    """An error of a sweeper or a launcher, in a line; joblib reports any signal as a segmentation fault."""
     if type(error).__name__ == "TerminatedWorkerError":
         return "a process of the launcher was ended from outside, by a signal or for its memory"
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _check_groups(overrides: list[str]) -> int:
-    """Refuse what is no name of an option where a group wants one: Hydra's answer to that is an assertion."""
+    """Refuse a value that cannot be an option's name where a group wants one: Hydra would fail with an assertion."""
     for override in overrides:
         key, given, value = override.lstrip("+").partition("=")
         folders = own_parts.group_folders(key.partition("@")[0], overrides)
@@ -95,7 +95,7 @@ def _run_command(name: str, cfg: DictConfig) -> int:
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:
-    """The exit code of `work`; bad input, a bad config and a disk that refuses are said in one line."""
+    """The exit code of `work`; bad input, a bad config and a disk error end with one line."""
     try:
         return work()
     except InputError as error:

@@ -91,7 +91,7 @@ def prepare(cfg: DictConfig) -> None:
 
 
 def cells_stay(layout: DictConfig) -> None:
-    """Cells that are given by their centres stay there: an arm's preset moves the front edge of rectangles alone.
+    """Cells given by their centres stay there: an arm's preset moves the front edge of rectangular layouts only.
 
     Raises:
         InputError: the command line gives both.
@@ -103,7 +103,7 @@ def cells_stay(layout: DictConfig) -> None:
 
 
 def _check_files(cfg: DictConfig) -> None:
-    """Refuse what would otherwise be left out without a word.
+    """Refuse what would otherwise be ignored silently.
 
     Raises:
         InputError: an own file of a name that the package has too, or a planner whose keys go where nothing reads them.

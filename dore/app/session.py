@@ -136,13 +136,13 @@ class Session:
             self._save_checkpoint()
 
     def _show(self, how: str, before: str = "") -> None:
-        """How the run is: on the bar, or as a line now and then, with what a bar would show `before` it."""
+        """Show progress: on the bar, or as a line now and then, which starts with `before`."""
         self.bar.set_postfix_str(how)
         if self.bar.due() is not None:
             print(f"{before}{how}", flush=True)
 
     def _keep_best(self, tested: TestResult) -> None:
-        """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
+        """The weights of the best IPT so far, so that a killed run leaves a model too."""
         progress = self.trainer.progress
         if progress.best_cost is None or tested.cost <= progress.best_cost:
             progress.best_success, progress.best_cost = tested.success, tested.cost

@@ -59,7 +59,7 @@ class Job:
 def run_job(cfg: DictConfig) -> float | None:
     """Train one job of a sweep, or resume it, unless it is finished.
 
-    Returns its best IPT success, which a sweeper may maximise; None where it broke or was stopped.
+    Returns its best IPT success, which a sweeper may maximise; None where it failed or was stopped.
     """
     own_parts.prepare(cfg)
     settings = HydraConfig.get()

@@ -131,7 +131,7 @@ def _resume_with(folder: Path, trainer: Trainer) -> str:
 
 
 def _before_the_first_update(trainer: Trainer) -> str:
-    """How far a run is that has not made an update."""
+    """The progress of a run that has made no update yet."""
     progress, budget = trainer.progress, trainer.budget
     if progress.filled < trainer.to_fill:
         return f"the replay holds {progress.filled:,} of training.fill {trainer.to_fill:,} transitions"

@@ -74,8 +74,8 @@ class RelationNet(nn.Module):
 
     The value of a cell depends on which corridors it blocks, and where they lead. The reach's table holds this, and the
     network assumes no other geometry, so its weights serve every layout and reach, irregular ones too (not in the
-    paper, whose networks are fully connected). A head of G outputs has one a cell. Any other head has one for each obstacle,
-    ascending by cell, as `agent=single` wants; a slot without an obstacle has the value of the target's cell.
+    paper, whose networks are fully connected). A head of G outputs has one a cell. Any other head has one for each
+    obstacle, ascending by cell, as `agent=single` wants; a slot without an obstacle has the value of the target's cell.
 
     Args:
         reach: gives the graph.

@@ -39,7 +39,7 @@ class Shape(NamedTuple):
 
 @dataclass
 class Search:
-    """How the search of an instance ends, or how far it is. seconds: of CPU; spent: its budget is."""
+    """The state or the result of an instance's search. seconds: CPU; spent: whether its budget is used up."""
 
     seen: set[tuple[int, ...]]
     expansions: int = 0
@@ -83,13 +83,13 @@ class Beam:
         self.max_nodes, self.max_seconds = max_nodes, max_seconds
         self.searches = [Search({tuple(board)}) for board in start.board.tolist()]
         self.tree: list[tuple[int, int, int]] = []
-        """Of every board but the first ones: the one before it, here, and the move."""
+        """For every board but the first ones: the index of the one before it, and the move."""
         n, device = len(start.target), start.board.device
         self.board, self.row = start.board, torch.arange(n, device=device)
         self.log_p = torch.zeros(n, device=device)
         self.node = [-1] * n
         self.moved = torch.full((n,), -1, device=device)
-        """Int64[N]: where the last obstacle was placed; moving it at once again is one move too many."""
+        """Int64[N]: where the last obstacle was placed; moving it again at once would waste a move."""
 
     @torch.inference_mode()
     def run(self) -> list[Search]:

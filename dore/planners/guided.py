@@ -1,4 +1,4 @@
-"""Exact search, and where that takes long a beam led by a trained network."""
+"""Exact search, and a beam guided by a trained network where that takes long."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 
 BEAM_SHARE = 0.5
-"""Of the budget that the first exact search leaves, what the beam may use."""
+"""The share of the budget left by the first exact search that the beam may use."""
 
 
 class Guided(Planner):
-    """Three searches of an instance, within one budget: exact, for a moment; a beam; exact again with what is left.
+    """Three searches of an instance within one budget: a brief exact one, a beam, and exact search for the rest.
 
     Most boards are decided by the first, with a proof (`dore.planners.exact`). The beam (`dore.planners.beam`) keeps
     the `width` most probable boards of each layer, by a prior over picks and places. Its plans are not proved to
@@ -36,8 +36,8 @@ class Guided(Planner):
     Args:
         reach: may differ from the one trained on.
         model: a run directory or a model file; None: the one in the package, which serves every layout.
-        values: what ranks moves: the model's networks, the corridor costs, or a random order.
-        temperature: by which the networks' values are divided to be logits of probabilities.
+        values: what moves are ranked by: the model's networks, the corridor costs, or a random order.
+        temperature: divides the networks' values, which are then logits of probabilities.
         width, picks, places: boards of a layer, picks of a board and places of a pick that the beam keeps.
         exact_seconds: CPU seconds of the first exact search.
         improve: whether the exact search goes on for a shorter plan until the budget is spent.

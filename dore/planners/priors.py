@@ -1,6 +1,6 @@
-"""What may lead a search: a value of each pick, and of each place of a lifted obstacle, higher is better.
+"""What may guide a search: a value for each pick, and for each place of a lifted obstacle; higher is better.
 
-Softmaxes of them are taken for probabilities, so only differences within a row count. N denotes boards, G the cells, W
+Probabilities are softmaxes of them, so only differences within a row matter. N denotes boards, G the cells, W
 the words of a board.
 """
 
@@ -24,7 +24,7 @@ Values = Literal["network", "costs", "random"]
 
 
 class Prior(Protocol):
-    """Values of moves on Int64[N, W] boards with Int64[N] targets; of moves that are not legal they mean nothing."""
+    """Values of moves on Int64[N, W] boards with Int64[N] targets; those of illegal moves mean nothing."""
 
     def pick_values(self, board: Tensor, target: Tensor) -> Tensor:
         """Float[N, G]: of picking from each cell."""

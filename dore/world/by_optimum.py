@@ -46,7 +46,7 @@ class ChosenInstances(InstanceSource):
             part = self._choose(self._fresh.draw(DRAWN))
             stale = stale + 1 if not len(part.target) else 0
             if stale == PATIENCE:
-                raise InputError(f"instances: none of {PATIENCE * DRAWN} has a number of moves that instances.keep keeps")
+                raise InputError(f"instances: none of {PATIENCE * DRAWN} has a length that instances.keep keeps")
             parts.append(part)
             found += len(part.target)
         board, target = (torch.cat(column) for column in zip(*parts, strict=True))
