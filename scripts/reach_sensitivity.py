@@ -60,6 +60,7 @@ class Options:
     obstacles: list[int] = field(default_factory=lambda: [3, 4, 5, 6, 7, 8, 9])
 
     def __post_init__(self) -> None:
+        whole("instances", self.instances, 1)
         whole("baseline_instances", self.baseline_instances, 1, at_most=self.instances)
         for obstacles in self.obstacles:
             whole("obstacles", obstacles, 3, at_most=9)
