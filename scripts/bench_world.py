@@ -13,7 +13,9 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from timeit import timeit
 from typing import Any
 
 import torch
@@ -92,12 +94,11 @@ def plain_matmul(reach: Reach) -> Callable[[Tensor], Tensor]:
 
 def in_turn(variants: Mapping[str, Callable[[Tensor], object]], given: Tensor) -> Rows:
     """A row a round and variant, after two rounds that do not count."""
-    rows: Rows = []
-    for round_ in range(-2, ROUNDS):
-        for name, variant in variants.items():
-            began = time.perf_counter()
-            variant(given)
-            rows.append({"round": round_, "variant": name, "seconds": time.perf_counter() - began})
+    rows = [
+        {"round": round_, "variant": name, "seconds": timeit(partial(variant, given), number=1)}
+        for round_ in range(-2, ROUNDS)
+        for name, variant in variants.items()
+    ]
     return [row for row in rows if row["round"] >= 0]
 
 

@@ -11,15 +11,12 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, zip_longest
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
+from typing import Any, NamedTuple
 
 from dore.app import build
-from dore.draw.board_art import CELL_INCH, LEGEND, draw_legend
+from dore.draw.board_art import LEGEND, draw_legend
 from dore.draw.boards import Panel, draw_panel, panels_of
 from dore.draw.style import INK, save_figure
 from dore.errors import InputError
@@ -27,6 +24,7 @@ from dore.learn.checkpoint import Q_NETWORK
 from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
+from dore.report.panels import panels
 from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Batch, Problem
 from scripts.program import composed, run
@@ -57,47 +55,30 @@ class Options:
 class Mistake:
     """The network's first move after which no plan of one move fewer is proved.
 
-    panel: the board before it, and the move. now: the corridor cost of that board. best: the first move of a shortest
-    plan from there. before, after: the fewest moves before and after the network's move; `after` is None where there is
-    no plan, or no proof in time.
+    number: the move's, from 1. panel: the board before it, and the move. now: the corridor cost of that board. best:
+    the first move of a shortest plan from there. before, after: the fewest moves before and after the network's move;
+    `after` is None where there is no plan, or no proof in time.
     """
 
+    number: int
     panel: Panel
     now: int
     best: Move
     before: int
     after: int | None
 
-    @property
-    def number(self) -> int:
-        """The move's, from 1."""
-        return self.panel.number
 
+class Board(NamedTuple):
+    """A validation board: its row, and what the network's plan gets wrong there, if anything.
 
-@dataclass(frozen=True)
-class Board:
-    """A validation board.
-
-    column: LAYOUT_INSTANCES. instance: its number in the set, from 1. status: of the proof. optimum: its proved fewest
-    moves, None where there is no plan or no proof. now: the corridor cost of it. stop_reason: why the network's
-    plan stops without the target, empty where it does not or where nothing is proved.
+    Of the row: instance: the number in the set, from 1. status: of the proof. optimum: the proved fewest moves, None
+    where there is no plan or no proof. now: the corridor cost. stop_reason: why the network's plan stops without the
+    target, empty where it does not or where nothing is proved. mistake: the move's number; mistake_now, before, after:
+    as of `Mistake`.
     """
 
-    column: str
-    instance: int
-    status: Status
-    optimum: int | None
-    now: int
-    stop_reason: str = ""
-    mistake: Mistake | None = None
-
-    @property
-    def row(self) -> dict[str, Any]:
-        """For rows.csv."""
-        names = ("column", "instance", "status", "optimum", "now", "stop_reason")
-        mistake = [getattr(self.mistake, name, None) for name in ("number", "now", "before", "after")]
-        found = {name: getattr(self, name) for name in names} | {"status": str(self.status)}
-        return found | dict(zip(("mistake", "mistake_now", "before", "after"), mistake, strict=True))
+    row: dict[str, Any]
+    mistake: Mistake | None
 
 
 def main(options: Options) -> None:
@@ -110,11 +91,7 @@ def main(options: Options) -> None:
 
 
 def boards_of(name: str, model: Path, boards: int) -> list[Board]:
-    """Plan a column's validation boards with the network and with the proof.
-
-    Args:
-        name: LAYOUT_INSTANCES, as 8x8_z3-13.
-        boards: how many of them.
+    """So many validation boards of a column, planned by the network and by exact search.
 
     Raises:
         InputError: no such model, or not so many boards.
@@ -134,10 +111,12 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
     )
     found = []
     for number, (problem, proof, tried, now) in enumerate(plans, 1):
-        board = Board(name, number, proof.status, proof.optimal_moves, now)
-        if proof.status is Status.SOLVED and tried.status is not Status.SOLVED:
-            board = replace(board, stop_reason=tried.reason, mistake=mistake_of(problem, proof, tried, exact))
-        found.append(board)
+        failed = proof.status is Status.SOLVED and tried.status is not Status.SOLVED
+        mistake = mistake_of(problem, proof, tried, exact) if failed else None
+        row = {"column": name, "instance": number, "status": proof.status.value, "optimum": proof.optimal_moves}
+        row |= {"now": now, "stop_reason": tried.reason if failed else ""}
+        of = {"mistake": "number", "mistake_now": "now", "before": "before", "after": "after"}
+        found.append(Board(row | {column: getattr(mistake, key, None) for column, key in of.items()}, mistake))
     return found
 
 
@@ -147,32 +126,25 @@ def mistake_of(problem: Problem, proof: Plan, tried: Plan, exact: Planner) -> Mi
         (then,) = exact.plan(Batch.of(after.problem))
         if then.optimal_moves != len(proof.moves) - 1:
             now = int(corridor_costs(problem.reach, *Batch.of(before.problem)).now)
-            return Mistake(before, now, proof.moves[0], len(proof.moves), then.optimal_moves)
+            return Mistake(before.number, before, now, proof.moves[0], len(proof.moves), then.optimal_moves)
         proof = then
     return None
 
 
 def drawn_of(columns: Sequence[Sequence[Board]]) -> list[Board]:
-    """The first failing boards of each column in turn, `MOST` in all, those of a column together."""
+    """The first failing boards of each column, `MOST` in all."""
     each = [[board for board in boards if board.mistake is not None] for boards in columns]
-    turns = [(place, one) for turn in zip_longest(*each) for place, one in enumerate(turn) if one is not None]
-    return [one for _, one in sorted(turns[:MOST], key=lambda turn: turn[0])]
+    return [board for failing in each for board in failing[: MOST // len(columns)]]
 
 
 def draw(path: Path, columns: Sequence[Sequence[Board]]) -> None:
     """Write the PNG, two boards a failure, two failures a line; no file where nothing fails."""
-    drawn = drawn_of(columns)
-    if not drawn:
+    shown = [side for board in drawn_of(columns) for side in sides(board)]
+    if not shown:
         path.unlink(missing_ok=True)
         return
-    down, across = -(-len(drawn) // 2), 2 * min(2, len(drawn))
-    edge = CELL_INCH * max(int(board.column.partition("x")[0]) for board in drawn)
-    above_legend = ConstrainedLayoutEngine(rect=(0, 0.03, 1, 0.97))
-    figure = Figure(((edge + 0.2) * across, (edge + 0.8) * down + 0.4), facecolor="white", layout=above_legend)
-    places = list(figure.subplots(down, across, squeeze=False).flat)
-    for axes in places:
-        axes.axis("off")
-    for axes, (title, panel) in zip(places, [side for board in drawn for side in sides(board)], strict=False):
+    figure, places = panels(len(shown), 4, 3.4, 4.0)
+    for axes, (title, panel) in zip(places, shown, strict=True):
         axes.set_title(title, fontsize=8.5, color=INK, pad=3)
         draw_panel(axes, panel)
     draw_legend(figure, tuple(LEGEND), columns=4, scale=1.2)
@@ -181,17 +153,17 @@ def draw(path: Path, columns: Sequence[Sequence[Board]]) -> None:
 
 def sides(board: Board) -> list[tuple[str, Panel]]:
     """The titles and the boards of a failure: a shortest plan's move, the network's move."""
-    mistake = board.mistake
+    row, mistake = board
     if mistake is None:
         return []
     move, best = mistake.panel, replace(mistake.panel, move=mistake.best)
     left = f"{mistake.after} left" if mistake.after is not None else "no plan proved"
-    size, obstacles = board.column.replace("x", " x ").split("_z")
+    size, obstacles = row["column"].replace("x", " x ").split("_z")
     shortest = f"a shortest plan: {best.words}, {mistake.before - 1} left"
     networks = f"the network's move {mistake.number}: {move.words}, {left}"
     return [
-        (f"{size}, {obstacles} obstacles, no. {board.instance}\n{shortest}", best),
-        (f"optimum {board.optimum}, costs {board.now}\n{networks}", move),
+        (f"{size}, {obstacles} obstacles, no. {row['instance']}\n{shortest}", best),
+        (f"optimum {row['optimum']}, costs {row['now']}\n{networks}", move),
     ]
 
 

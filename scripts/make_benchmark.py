@@ -30,19 +30,28 @@ class Options:
     counts: str | None = None
     overrides: list[str] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        if self.out is not None and not self.out.endswith(".npz"):
+            raise InputError(f"out: got {self.out}, want NAME.npz")
+
 
 def main(options: Options) -> int:
     """Make it, print what each world has, and the digest; 1 where the file in the package holds something else."""
     cfg = composed("evaluate", "instances=benchmark", *options.overrides)
     benchmark: Benchmark = make(cfg.instances, "instances")
     began = time.process_time()
-    print(" ".join(["layout reach density".ljust(22), *(name.rjust(10) for name in STRATA), "left out, of boards"]))
     every: list[dict[str, object]] = []
-    worlds = strata.make(benchmark, lambda world, made: every.extend(report(world, made)))
+
+    def report(world: World, made: strata.Made) -> None:
+        every.extend(counts_of(world, made))
+        print(f"{world}: {sum(map(len, made.strata))} of {made.candidates:,} boards, {made.left_out} left out")
+
+    worlds = strata.make(benchmark, report)
     name, n_boards = digest(worlds), sum(map(len, worlds.values()))
     print(f"{n_boards:,} boards, {time.process_time() - began:.0f} CPU s, sha256 {name}")
     if options.out is not None:
-        write(options.out, worlds)
+        with atomic_write(options.out, "wb") as file:
+            np.savez_compressed(file, **worlds)
     if options.counts is not None:
         Path(options.counts).parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(options.counts) as file:
@@ -53,28 +62,13 @@ def main(options: Options) -> int:
     return 1 if differing else 0
 
 
-def report(world: World, made: strata.Made) -> list[dict[str, object]]:
-    """Print how many boards each stratum of a world has; a row for each."""
-    counts = " ".join(f"{len(stratum):>10}" for stratum in made.strata)
-    short = f" ({made.left_out_short} may need fewer than {strata.LONG} moves)" if made.left_out_short else ""
-    print(f"{world!s:<22} {counts} {made.left_out}{short}, {made.candidates:,}", flush=True)
+def counts_of(world: World, made: strata.Made) -> list[dict[str, object]]:
+    """A row for each stratum of a world: how many boards it has, and how many were left out of it."""
     about = {**world._asdict(), "left_out": made.left_out, "left_out_short": made.left_out_short}
     return [
         {**about, "candidates": made.candidates, "stratum": name, "boards": len(stratum)}
         for name, stratum in zip(STRATA, made.strata, strict=True)
     ]
-
-
-def write(path: str, worlds: dict[str, np.ndarray]) -> None:
-    """Write a benchmark's file.
-
-    Raises:
-        InputError: a name that is not NAME.npz.
-    """
-    if not path.endswith(".npz"):
-        raise InputError(f"out: got {path}, want NAME.npz")
-    with atomic_write(path, "wb") as file:
-        np.savez_compressed(file, **worlds)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from omegaconf import OmegaConf
 
 from dore.report.measurements import write_measurements
 from dore.sim.config import ArmConfig, ObjectConfig, preset
-from dore.sim.frames import TABLE_OVERHANG_M
+from dore.sim.frames import TABLE_OVERHANG_M, turned
 from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.motion.arm_reach import arm_reach, follow_corridor
 from dore.sim.motion.collision import CollisionChecker, Held, Standing
@@ -138,10 +138,9 @@ class Surveyor:
 
     def off_line_mm(self, cell: int, sector: int, other: int) -> float:
         """How far a cell's middle is from a corridor's line: the clearance that just covers it."""
-        (x, y), (other_x, other_y) = self.layout.cells[cell], self.layout.cells[other]
-        heading = math.atan2(-y, -x) + math.radians(float(self.reach.sectors_deg[sector]))
-        along = (other_x - x) * math.cos(heading) + (other_y - y) * math.sin(heading)
-        across = (other_y - y) * math.cos(heading) - (other_x - x) * math.sin(heading)
+        here, there = self.layout.places[[cell, other]]
+        heading = math.atan2(-here[1], -here[0]) + math.radians(float(self.reach.sectors_deg[sector]))
+        along, across = turned(there - here, -heading)
         return 1e3 * abs(across) if along >= -1e-9 else math.inf
 
 

@@ -16,11 +16,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dore.app import build
 from dore.errors import ExitCode, InputError, seed_of, whole
 from dore.files import conf_dir
-from dore.planners.base import Planner
-from dore.world.reach import Reach
 
 Options = TypeVar("Options")
 
@@ -74,15 +71,3 @@ def composed(command: str, *overrides: str) -> DictConfig:
     """The config of a command, as dore-evaluate's."""
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
         return hydra.compose(command, list(overrides))
-
-
-def planners_on(layout: str, planners: Sequence[str], model: Path | None, *more: str) -> tuple[Reach, list[Planner]]:
-    """Planners as dore-evaluate makes them on a layout under wide_hand, and the reach; `more`: further overrides.
-
-    Raises:
-        InputError: no such model, or one of another layout.
-    """
-    given = [f"model={model}", *more] if model else more
-    cfg = composed("evaluate", f"layout={layout}", "reach=wide_hand", f"planner=[{','.join(planners)}]", *given)
-    reach = build.reach_of(cfg, "cpu")
-    return reach, build.planners_of(cfg, reach)

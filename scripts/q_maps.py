@@ -16,24 +16,23 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Patch, Rectangle
 from torch import Tensor
 
-from dore.draw.board_art import CELL_INCH, OBSTACLE_COLOUR, RADIUS, TARGET_COLOUR, draw_cells, extent, on_paper
+from dore.app.front_door import load_model
+from dore.draw.board_art import OBSTACLE_COLOUR, RADIUS, TARGET_COLOUR, draw_cells, on_paper
 from dore.draw.style import INK, save_figure
 from dore.errors import InputError
 from dore.learn.agents.sequential import Sequential
 from dore.learn.checkpoint import Q_NETWORK
-from dore.planners.learned import Learned
+from dore.planners.exact import Exact
+from dore.report.panels import panels
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
-from dore.world.problem import Batch, Scene, cell_id
-from dore.world.reach import Reach
+from dore.world.problem import Scene, cell_id
 from dore.world.rules import legal_moves, legal_places
-from scripts.program import planners_on, run
+from scripts.program import run
 
-DPI = 160
 CMAP = colormaps["viridis"]
 ILLEGAL, CHOICE = "#dcdde0", "#d62728"
 AMONG = 100
@@ -87,30 +86,24 @@ def main(options: Options) -> None:
     print(options.out)
 
 
+@torch.no_grad()
 def maps_of(wanted: Wanted, model: Path) -> tuple[Map, Map]:
     """The pick network's map, and the place network's after the lift.
 
     Raises:
         InputError: no such model, one without a pick and a place network, or no such board.
     """
-    reach, (learned, exact) = planners_on(wanted.layout, ["learned", "exact"], model)
-    if not isinstance(learned, Learned) or not isinstance(learned.agent, Sequential):
+    agent = load_model(model, layout=wanted.layout, reach="wide_hand")
+    if not isinstance(agent, Sequential):
         raise InputError(f"model: {model} has no pick and place network, want one of agent=sequential")
-    difficulty = Difficulty(wanted.obstacles, wanted.obstacles)
+    reach, difficulty = agent.reach, Difficulty(wanted.obstacles, wanted.obstacles)
     instances = InstanceSet.generate(reach, AMONG, difficulty, "validation", seed=0)
+    exact = Exact(reach, max_nodes=10_000_000, max_seconds=60.0, max_memory_mb=2048)
     rows = [row for row, plan in enumerate(exact.plan(instances.batch())) if plan.optimal_moves == wanted.optimum]
     if not rows:
         raise InputError(f"{wanted.layout}: none of {AMONG} boards needs {wanted.optimum} moves")
-    return _values(reach, learned.agent, instances.batch(slice(rows[0], rows[0] + 1)))
-
-
-@torch.no_grad()
-def _values(reach: Reach, agent: Sequential, start: Batch) -> tuple[Map, Map]:
-    """Both maps of one instance."""
-    board, target = start
-    visited = board[:, None]
-    (problem,) = problems_of(reach, start)
-    scene = problem.scene
+    board, target = start = instances.batch(slice(rows[0], rows[0] + 1))
+    visited, scene = board[:, None], problems_of(reach, start)[0].scene
     pick = Map(scene, agent.pick_values(board, target)[0], legal_moves(reach, board, target, visited).pick[0])
     cell = torch.tensor([pick.choice])
     left = replace(scene, obstacles=tuple(one for one in scene.obstacles if one != pick.choice))
@@ -119,23 +112,21 @@ def _values(reach: Reach, agent: Sequential, start: Batch) -> tuple[Map, Map]:
 
 
 def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
-    """Write the PNG: a column a board, its picks above its places; all cells are of one size."""
-    spans = [extent(maps[0].scene) for _, maps in drawn]
-    cell_m = drawn[0][1][0].scene.layout.cell_m
-    widths = [(right - left) / cell_m for left, right, _, _ in spans]
-    height = max((top - bottom) / cell_m for _, _, bottom, top in spans)
-    size = (CELL_INCH * (sum(widths) + 2 * len(drawn)), 2 * CELL_INCH * height + 1.6)
-    figure = Figure(size, facecolor="white", layout="constrained")
-    places = figure.subplots(2, len(drawn), width_ratios=widths, squeeze=False)
-    for (wanted, maps), column in zip(drawn, places.T, strict=True):
-        for one, axes, title in zip(maps, column, _titles(wanted, maps), strict=True):
-            axes.set_anchor("S")
+    """Write the PNG: a column a board, its picks above its places."""
+    figure, places = panels(2 * len(drawn), len(drawn), 4.0, 4.2)
+    for column, (wanted, maps) in enumerate(drawn):
+        pair = places[column :: len(drawn)]
+        size, (pick, place) = wanted.layout.replace("x", " x "), (cell_id(one.choice) for one in maps)
+        above = f"{size}, {wanted.about}: optimum {wanted.optimum}\npick {pick}", f"place {pick} on {place}"
+        for one, axes, title in zip(maps, pair, above, strict=True):
             axes.set_title(title, fontsize=9, color=INK, pad=4)
             bar = figure.colorbar(_board(axes, one), ax=axes, shrink=0.5, pad=0.02, aspect=18)
             bar.ax.tick_params(labelsize=6.5, colors=INK, pad=2)
-        lifted = Circle(on_paper(maps[0].scene, maps[0].choice), RADIUS * cell_m, fill=False, lw=1.2)
+        lifted = Circle(
+            on_paper(maps[0].scene, maps[0].choice), RADIUS * maps[0].scene.layout.cell_m, fill=False, lw=1.2
+        )
         lifted.set(edgecolor=OBSTACLE_COLOUR, linestyle=(0, (3, 2)))
-        column[1].add_patch(lifted)
+        pair[1].add_patch(lifted)
     handles = [
         Patch(facecolor=TARGET_COLOUR, label="target"),
         Patch(facecolor=OBSTACLE_COLOUR, label="obstacle"),
@@ -145,15 +136,7 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
     ]
     look = {"ncols": 5, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
     figure.legend(handles=handles, loc="outside lower center", **look)
-    save_figure(figure, path, DPI)
-
-
-def _titles(wanted: Wanted, maps: tuple[Map, Map]) -> tuple[str, str]:
-    """What stands above a board's two maps."""
-    pick, place = (cell_id(one.choice) for one in maps)
-    size = wanted.layout.replace("x", " x ")
-    moves = f"{wanted.optimum} move" + "s" * (wanted.optimum != 1)
-    return f"{size}, {wanted.about}: {moves} needed\npick {pick}", f"place {pick} on {place}"
+    save_figure(figure, path, dpi=160)
 
 
 def _board(axes: Axes, one: Map) -> ScalarMappable:

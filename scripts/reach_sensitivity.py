@@ -8,14 +8,12 @@ point that came nearest. Instances are of the validation split: the test split i
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
-from statistics import fmean
-from typing import Any, NamedTuple
+from typing import Any
 
 from tqdm import tqdm
 
@@ -68,14 +66,6 @@ class Options:
             whole("obstacles", obstacles, 3, at_most=9)
 
 
-class Moves(NamedTuple):
-    """One instance's rearrangements; None where a planner has no plan. tried: whether the baseline was asked."""
-
-    optimum: int | None
-    baseline: int | None
-    tried: bool = True
-
-
 def main(options: Options) -> None:
     """Measure and write the rows."""
     corridors = list(product(options.corridor, options.avoid))
@@ -102,11 +92,9 @@ def study(options: Options, board: str, baselines: Sequence[StraightLine]) -> li
         point = {"board": board, "clearance_m": reach.clearance_m, "half_fan_deg": reach.half_fan_deg}
         point |= {"n_sectors": reach.n_sectors, "corridor_m": width, "avoid_corridors": avoids}
         for z, instances, optimum in zip(options.obstacles, sets, optima, strict=True):
-            first = slice(options.baseline_instances)
-            theirs = moves_of(baseline, instances.batch(first))
-            moves = [Moves(a, b) for a, b in zip(optimum[first], theirs, strict=True)]
-            moves += [Moves(a, None, tried=False) for a in optimum[options.baseline_instances :]]
-            rows.append({"seed": options.seed, **point, "obstacles": z, **measures(moves), **paper(board, z)})
+            theirs = moves_of(baseline, instances.batch(slice(options.baseline_instances)))
+            found = measures(optimum, theirs)
+            rows.append({"seed": options.seed, **point, "obstacles": z, **found, **paper(board, z)})
     return rows
 
 
@@ -115,19 +103,18 @@ def moves_of(planner: Planner, batch: Batch) -> list[int | None]:
     return [len(plan.moves) if plan.status is Status.SOLVED else None for plan in planner.plan(batch)]
 
 
-def measures(moves: Sequence[Moves]) -> Row:
-    """Means, sds and 95 % intervals of rearrangements, to 4 decimals.
+def measures(optima: Sequence[int | None], baseline: Sequence[int | None]) -> Row:
+    """Means, sds and 95 % intervals of rearrangements, to 4 decimals; None: no plan.
 
     optimum: over the instances that can be solved, the first `optimum_n` of the set. baseline, both_optimum: the
     baseline's, and the optimum's mean, over those of the first `baseline_n` that both solve. *_solved: shares.
     """
-    optimum = [one.optimum for one in moves if one.optimum is not None]
-    tried = [one for one in moves if one.tried]
-    both = [(a, b) for a, b, _ in tried if a is not None and b is not None]
-    found = {"optimum_n": len(moves), "optimum_solved": len(optimum) / len(moves), **_spread("optimum", optimum)}
-    found |= {"baseline_n": len(tried), "baseline_solved": len(both) / len(tried)}
+    optimum = [one for one in optima if one is not None]
+    both = [(a, b) for a, b in zip(optima, baseline, strict=False) if a is not None and b is not None]
+    found = {"optimum_n": len(optima), "optimum_solved": len(optimum) / len(optima), **_spread("optimum", optimum)}
+    found |= {"baseline_n": len(baseline), "baseline_solved": len(both) / len(baseline)}
     found |= _spread("baseline", [b for _, b in both])
-    found["both_optimum_mean"] = fmean([a for a, _ in both]) if both else math.nan
+    found["both_optimum_mean"] = estimates.sample_mean([a for a, _ in both]).mean
     return {name: round(value, 4) for name, value in found.items()}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,14 +14,12 @@ from matplotlib.patches import Patch, Polygon
 
 from dore.draw.board_art import OBSTACLE_COLOUR, TARGET_COLOUR, draw_cells
 from dore.draw.style import BLUE, INK, save_figure
-from dore.sim.frames import Array
+from dore.sim.frames import Array, pixels_of
 from dore.sim.vision.perception import Frame
 from dore.sim.vision.scene_estimate import Detection, Shape, cell_of
 from dore.world.layout import Layout
 from dore.world.problem import cell_id
-
-if TYPE_CHECKING:
-    from scripts.arrangements import Arrangement
+from scripts.arrangements import Arrangement
 
 _TO_PAPER = np.array([[0, 1], [-1, 0]])
 """Right is the robot's right, up is away from it."""
@@ -54,18 +51,12 @@ def _footprint(half_width: float, yaw: float, shape: Shape) -> Array:
     return half_width * math.sqrt(2) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _pixels(frame: Frame, points: Array) -> Array:
-    """Float64[N, 2]: where points of the world are in the picture."""
-    pose = frame.camera_to_world
-    seen = (points - pose[:3, 3]) @ pose[:3, :3] @ frame.intrinsic.T
-    # imshow puts the middle of pixel (0, 0) at (0, 0).
-    return np.asarray(seen[:, :2] / seen[:, 2:] - 0.5)
-
-
 def _outline(axes: Axes, frame: Frame, one: Detection, layout: Layout) -> None:
     """The outline of the top face, and the cell's id on it."""
     edge = _footprint(one.half_width_m, one.yaw_rad, one.shape) + one.xy
-    pixels = _pixels(frame, np.column_stack([edge, np.full(len(edge), one.height_m)]))
+    top = np.column_stack([edge, np.full(len(edge), one.height_m)])
+    # imshow puts the middle of pixel (0, 0) at (0, 0).
+    pixels = pixels_of(top, frame.intrinsic, frame.camera_to_world)[0] - 0.5
     axes.add_patch(Polygon(pixels, fill=False, edgecolor="white", lw=2.6))
     axes.add_patch(Polygon(pixels, fill=False, edgecolor=TARGET_COLOUR if one.is_target else INK, lw=1.2))
     cell = cell_of(one, layout)

@@ -66,7 +66,7 @@ def planners_of(cfg: DictConfig, reach: Reach) -> list[Planner]:
 
 
 def groups_of(cfg: DictConfig) -> dict[str, str]:
-    """The name of each planner without what says the seed of its model; nothing where no planner has several models."""
+    """Each planner's name without the seed of its model; empty where no planner has several models."""
     named = [pair for name, node in cfg.planners.items() for pair in _models(str(name), node)]
     return {f"{name} {one.label}": f"{name} {one.group}" for name, one in named if one.label}
 
@@ -118,7 +118,7 @@ def world_of(cfg: DictConfig, model: Mapping[str, Any] | None) -> DictConfig:
 
 
 def model_config(cfg: DictConfig, parts: Sequence[str] = WORLD) -> Mapping[str, Any]:
-    """These parts of what the given models were made with, or the one in the package."""
+    """These parts of the config of the given models, or of the one in the package."""
     return world_config(models_of(cfg.model), cfg, parts)
 
 

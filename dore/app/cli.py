@@ -12,7 +12,7 @@ from importlib import import_module
 import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import InterpolationKeyError, OmegaConfBaseException
 
 from dore.app import first_checks, jobs, own_parts, renamed, sweep, sweep_job, usage
 from dore.errors import ExitCode, InputError
@@ -28,7 +28,7 @@ SIMULATOR = ("mani_skill", "sapien", "pinocchio", "coal", "gymnasium", "imageio"
 
 
 def _main(name: str) -> None:
-    """Compose the config, run the command, exit with its code; what the user got wrong is one line and code 2."""
+    """Compose the config, run the command, exit with its code; a user error is one line and exit code 2."""
     if answer := usage.answer(name, sys.argv[1:]):
         print(answer)
         sys.exit(ExitCode.OK)
@@ -46,6 +46,7 @@ def _main(name: str) -> None:
         return None
 
     own_parts.current_folder_importable()
+    own_parts.files_without_package()
     if _guarded(name, lambda: _check_groups(sys.argv[1:])) != ExitCode.OK:
         sys.exit(ExitCode.BAD_INPUT)
     command = hydra.main(version_base="1.3", config_path=str(conf_dir()), config_name=name)(run)
@@ -62,14 +63,14 @@ def _main(name: str) -> None:
 
 
 def _why_the_launcher_ended(error: Exception) -> str:
-    """An error of a sweeper or a launcher, in a line; joblib's calls any signal a segmentation fault."""
+    """An error of a sweeper or a launcher, in a line; joblib reports any signal as a segmentation fault."""
     if type(error).__name__ == "TerminatedWorkerError":
         return "a process of the launcher was ended from outside, by a signal or for its memory"
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def _check_groups(overrides: list[str]) -> int:
-    """Refuse what is no name of an option where a group wants one: Hydra's answer to that is an assertion."""
+    """Refuse a value that cannot be an option's name where a group wants one: Hydra would fail with an assertion."""
     for override in overrides:
         key, given, value = override.lstrip("+").partition("=")
         folders = own_parts.group_folders(key.partition("@")[0], overrides)
@@ -94,11 +95,13 @@ def _run_command(name: str, cfg: DictConfig) -> int:
 
 
 def _guarded(name: str, work: Callable[[], int]) -> int:
-    """The exit code of `work`; bad input, a bad config and a disk that refuses are said in one line."""
+    """The exit code of `work`; bad input, a bad config and a disk error end with one line."""
     try:
         return work()
     except InputError as error:
         message = str(error)
+    except InterpolationKeyError as error:
+        message = _no_source(str(error))
     except (HydraException, OmegaConfBaseException) as error:
         message = _config_message(name, str(error))
     except BrokenPipeError:
@@ -111,6 +114,14 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
         message = f"{error.filename or 'disk'}: {error.strerror or error}"
     print(f"dore-{name}: {' '.join(message.split())}", file=sys.stderr)
     return ExitCode.BAD_INPUT
+
+
+def _no_source(text: str) -> str:
+    """OmegaConf's error about a value that is taken from a key which is not there, in a line."""
+    key, source = re.search(r"full_key: (\S+)", text), re.search(r"Interpolation key '([^']+)'", text)
+    if key is None or source is None:
+        return text
+    return f"{key[1]}: not given, and there is no {source[1]} to take it from; want {key[1]}=VALUE"
 
 
 def _config_message(command: str, text: str) -> str:
@@ -132,7 +143,7 @@ def _config_message(command: str, text: str) -> str:
     groups = [
         one
         for one in sys.argv[1:]
-        if own_parts.group_folders(one.partition("=")[0], sys.argv[1:]) and "=" in one and "," not in one
+        if own_parts.group_folders(one.partition("=")[0], sys.argv[1:]) and re.search(r"=(\[.*\]|[^,]*)$", one)
     ]
     try:
         with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):

@@ -26,7 +26,7 @@ OF_AN_ARM = (
 
 
 class BenchmarkEvaluation(NamedTuple):
-    """Planners on the benchmark, built and checked: for each of its layouts and reaches anew."""
+    """Planners on the benchmark, built and checked; each of its layouts and reaches has its own."""
 
     sets: Sequence[BenchmarkSet]
     planners: Sequence[Sequence[Planner]]

@@ -28,7 +28,7 @@ from dore.world.problem import Batch, Problem
 def execute_command(cfg: DictConfig) -> int:
     """Carry out a plan file, or plan a scene and carry that out, in an open or a closed loop.
 
-    0: done; 1: a fault was seen on the way; 3: refused before anything moved.
+    0: done; 1: a fault occurred; 3: refused before anything moved.
     """
     if cfg.video not in ("auto", "off"):
         raise InputError(f"video: got {cfg.video!r}, want auto or off")

@@ -10,11 +10,13 @@ from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from dore.app import run_folder
 from dore.app.jobs import in_sweep
+from dore.app.learning_keys import BUDGET_KEYS
 from dore.configure import leaves
 from dore.errors import InputError, path_of, shown
-from dore.files import shipped_or
+from dore.files import conf_dir, shipped_or
+from dore.schema import nearest
 
-MAY_CHANGE = {"train": run_folder.BUDGET_KEYS, "evaluate": ()}
+MAY_CHANGE = {"train": BUDGET_KEYS, "evaluate": ()}
 """The keys that the command line may give beside `resume`."""
 KEPT_AS = {"planner": "planners", "arm": "arm.model._target_"}
 """Options whose choice a run's config keeps under another key."""
@@ -29,8 +31,10 @@ def check(command: str, cfg: DictConfig) -> None:
     _check_files(cfg)
     if command == "execute" and (cfg.plan is None) == (cfg.scene is None):
         raise InputError("plan, scene: want one of them: a plan file, or a scene file or random")
-    if command == "train" and cfg.existing not in ("refuse", "continue"):
-        raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
+    if command == "train":
+        OmegaConf.to_container(cfg, resolve=True)  # A value that is taken from a key which is not there.
+        if cfg.existing not in ("refuse", "continue"):
+            raise InputError(f"existing: got {cfg.existing!r}, want refuse or continue")
     if in_sweep():
         return
     if cfg.get("resume") is not None:
@@ -45,7 +49,8 @@ def _check_files(cfg: DictConfig) -> None:
         if value is None or value == "random" or isinstance(value, ListConfig):
             continue
         if not shipped_or(path_of(key, value), group).exists():
-            raise InputError(f"{value}: no such file")
+            packed = [path.stem for path in (conf_dir() / group).glob("*.json")] if group else []
+            raise InputError(f"{value}: no such file{nearest(str(value), packed)}")
 
 
 def _check_resume(folder: Path, may_change: Sequence[str]) -> None:

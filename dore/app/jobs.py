@@ -1,4 +1,4 @@
-"""What the jobs of a sweep (-m) of any command share: the names of their folders, and that what is done stays done."""
+"""What the jobs of a sweep (-m) share, whatever the command: names of folders; a finished job is not run again."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from dore.files import read_record, write_record
 LONGEST_NAME = 120
 QUOTES = "\"'"
 JOB_FILE = "job.json"
-"""In the folder of a job that is done, but for trainings: its overrides and its exit code."""
+"""In the folder of a finished job other than a training: its overrides and its exit code."""
 
 
 def job_name(overrides: Sequence[str], swept: Sequence[str], unnamed: Sequence[str]) -> str:

@@ -1,4 +1,4 @@
-"""metrics.csv of a training: one row per test (IPT) and per report of progress, also over stops."""
+"""metrics.csv of a training: one row per test (IPT) and per report of progress, continued when a run is resumed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class MetricsLog:
         """
         self.path, self.columns = path, columns
         self.kept = [] if keep_until is None else self._rows_until(keep_until)
-        """The rows that were there, and are still."""
+        """The rows that are kept from before."""
         if self.kept:
             self._begin(self.kept)
         else:

@@ -12,7 +12,8 @@ from typing import Any
 
 from omegaconf import ListConfig
 
-from dore.app.run_folder import LATER, LEARNING, read_config
+from dore.app.learning_keys import LATER, LEARNING
+from dore.app.run_folder import read_config
 from dore.configure import leaves
 from dore.errors import InputError, path_of
 from dore.files import CONFIG_FILE, DONE_FILE
@@ -89,7 +90,7 @@ def _paths_of(value: object) -> list[Path | None]:
 
 
 def _folder(path: Path) -> Path:
-    """A run's folder as it is called: of a file that has the name of all models, the folder that it lies in."""
+    """The name of a model's run: for a file with the name that all models have, its folder."""
     path = path.absolute()
     return path.parent if path.name == MODEL_NAME else path
 
@@ -111,7 +112,7 @@ def _grouped(models: Sequence[Model]) -> list[Model]:
 
 
 def _learned(model: Model) -> str:
-    """What a model has learned from, but for its seed; the whole config where there is one, else the model file's."""
+    """What a model has learned from, without its seed; the whole config where there is one, else the model file's."""
     config: Mapping[Any, Any] = model.config()
     if model.path is not None and (model.path / CONFIG_FILE).exists():
         config = {key: value for key, value in read_config(model.path).items() if key in (*LEARNING, *LATER)}

@@ -7,8 +7,13 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from hydra._internal.core_plugins import file_config_source
+from hydra._internal.sources_registry import SourcesRegistry
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
+from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, open_dict
 
 from dore.configure import trust_command_line
@@ -17,7 +22,28 @@ from dore.files import conf_dir
 
 OWN_PROVIDERS = ("command-line", "hydra.searchpath")
 PACKAGES = {"planner": "planners.NAME", "logger": "loggers.NAME", "experiment": "_global_", "column": "_global_"}
-"""Groups whose files say themselves where their keys go, and what their first line names."""
+"""Groups whose keys do not go below the group's own name, and where those of a file without `# @package` go."""
+
+
+class FileConfigSource(file_config_source.FileConfigSource):
+    """Config files; one that does not say where its keys go is read as if it said what its group wants.
+
+    Named as Hydra's own: in the workers of a launcher Hydra registers that one again, and refuses another name.
+    """
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        """The file's keys, with a package."""
+        result = super().load_config(config_path)
+        group, _, option = config_path.removesuffix(".yaml").rpartition("/")
+        if group in PACKAGES and result.header.get("package") is None:
+            result.header["package"] = PACKAGES[group].replace("NAME", option)
+        return result
+
+
+def files_without_package() -> None:
+    """Let Hydra read config files as `FileConfigSource` of this module does."""
+    Plugins.instance()  # Registers Hydra's own sources, once.
+    SourcesRegistry.instance().types["file"] = FileConfigSource
 
 
 def current_folder_importable() -> None:
@@ -65,7 +91,7 @@ def prepare(cfg: DictConfig) -> None:
 
 
 def cells_stay(layout: DictConfig) -> None:
-    """Cells that are given by their centres stay there: an arm's preset moves the front edge of rectangles alone.
+    """Cells given by their centres stay there: an arm's preset moves the front edge of rectangular layouts only.
 
     Raises:
         InputError: the command line gives both.
@@ -77,10 +103,10 @@ def cells_stay(layout: DictConfig) -> None:
 
 
 def _check_files(cfg: DictConfig) -> None:
-    """Refuse what would otherwise be left out without a word.
+    """Refuse what would otherwise be ignored silently.
 
     Raises:
-        InputError: an own file of a name that the package has too, or one whose keys go where nothing reads them.
+        InputError: an own file of a name that the package has too, or a planner whose keys go where nothing reads them.
     """
     for root in (Path(url.removeprefix("file://")) for url in _own_sources()):
         for path in sorted(root.rglob("*.yaml")):
@@ -88,10 +114,13 @@ def _check_files(cfg: DictConfig) -> None:
             if shipped.is_file() and shipped.read_bytes() != path.read_bytes():
                 option = path.relative_to(root).with_suffix("")
                 raise InputError(f"{path}: the package has {option} too, which comes first; want another name")
-            group, package = path.relative_to(root).parts[0], PACKAGES.get(path.relative_to(root).parts[0], "")
-            if package and group in cfg and "@package" not in path.read_text(encoding="utf-8"):
-                wanted = package.replace("NAME", path.stem)
-                raise InputError(f"{path}: does not say where its keys go; want as its first line: # @package {wanted}")
+    chosen = [one for one in HydraConfig.get().overrides.task if one.startswith("planner=")]
+    value = OverridesParser.create().parse_override(chosen[-1]).value() if chosen else []
+    named = [str(one) for one in value] if isinstance(value, list) else [str(value)]
+    there = list(cfg.get("planners", {}))
+    if len(there) < len(named):
+        wanted = "want files whose first line is # @package planners.NAME, each its own NAME, or that have no such line"
+        raise InputError(f"planner: got {', '.join(named)}, of which {len(there)} can be used; {wanted}")
 
 
 def _own_sources() -> list[str]:

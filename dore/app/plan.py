@@ -64,7 +64,8 @@ def _given(cfg: DictConfig) -> Problem:
 
 def _print_plan(found: Plan, target_id: int) -> None:
     why = f" ({found.reason})" if found.reason else ""
-    print(f"{found.status}{why} by {found.planner} in {1000 * found.planning_s:.1f} ms, {len(found.moves)} moves")
+    moves = f"{len(found.moves)} move{'' if len(found.moves) == 1 else 's'}"
+    print(f"{found.status}{why} by {found.planner} in {1000 * found.planning_s:.1f} ms, {moves}")
     for number, move in enumerate(found.moves, 1):
         print(
             f"  {number}. {cell_id(move.pick):>3} to {cell_id(move.place):<3}"

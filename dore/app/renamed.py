@@ -1,4 +1,4 @@
-"""Config keys and options of version 0.1 that have another name now."""
+"""Config keys and options of version 0.1 that have been renamed."""
 
 from __future__ import annotations
 

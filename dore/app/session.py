@@ -16,8 +16,9 @@ from omegaconf import DictConfig, OmegaConf
 from torchrl.record.loggers import Logger
 
 from dore.app.build import MODEL
+from dore.app.learning_keys import learning_keys
 from dore.app.metrics import MetricsLog
-from dore.app.run_folder import CHECKPOINT, learning_keys, mark_done
+from dore.app.run_folder import CHECKPOINT, mark_done
 from dore.configure import make
 from dore.draw.curves import draw_learning_curve
 from dore.files import CURVE_FILE, METRICS_FILE
@@ -135,13 +136,13 @@ class Session:
             self._save_checkpoint()
 
     def _show(self, how: str, before: str = "") -> None:
-        """How the run is: on the bar, or as a line now and then, with what a bar would show `before` it."""
+        """Show progress: on the bar, or as a line now and then, which starts with `before`."""
         self.bar.set_postfix_str(how)
         if self.bar.due() is not None:
             print(f"{before}{how}", flush=True)
 
     def _keep_best(self, tested: TestResult) -> None:
-        """The weights of the best IPT so far, so that a run that is killed leaves a model too."""
+        """The weights of the best IPT so far, so that a killed run leaves a model too."""
         progress = self.trainer.progress
         if progress.best_cost is None or tested.cost <= progress.best_cost:
             progress.best_success, progress.best_cost = tested.success, tested.cost

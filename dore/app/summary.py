@@ -1,4 +1,4 @@
-"""What a sweep of trainings ends in: summary.csv, a table over seeds, and learning curves with bands."""
+"""What a sweep of trainings leaves: summary.csv, a table over seeds, and learning curves with bands."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A sweep's jobs (dore-train -m): each trains in a process of its own, and records in a file how it ended.
 
-So a job that is killed takes no other with it, jobs do not write into each other's progress, and every launcher's
+So a killed job does not affect the others, jobs do not write into each other's progress, and every launcher's
 workers report in the same way, on this machine or on another that shares the folder.
 """
 
@@ -33,7 +33,7 @@ SWEEPING = "DORE_SWEEP_PID"
 class JobResult:
     """How a job of a sweep ended.
 
-    code: its exit code. message: how it went, or why it broke. before: it was finished already.
+    code: its exit code. message: its result, or why it failed. before: it was finished already.
     success: its best IPT success; None where it is not finished.
     """
 
@@ -75,7 +75,7 @@ class Sweep:
         signal.signal(number, signal.default_int_handler)
 
     def conclude(self) -> int:
-        """Say how the jobs ended, the broken ones by name, and what came of the others; the exit code of the worst."""
+        """Report how the jobs ended, failed ones by name, and the results of the others; the worst exit code."""
         from dore.app.summary import summarise  # With pandas, which no job needs.
 
         with self.held:

@@ -19,7 +19,8 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from dore.app import own_parts
-from dore.app.run_folder import check_same, finished
+from dore.app.learning_keys import check_same
+from dore.app.run_folder import finished
 from dore.app.sweep import JOBS, STOP, SWEEPING, JobResult, results
 from dore.errors import ExitCode, InputError
 from dore.files import write_record
@@ -58,7 +59,7 @@ class Job:
 def run_job(cfg: DictConfig) -> float | None:
     """Train one job of a sweep, or resume it, unless it is finished.
 
-    Returns its best IPT success, which a sweeper may maximise; None where it broke or was stopped.
+    Returns its best IPT success, which a sweeper may maximise; None where it failed or was stopped.
     """
     own_parts.prepare(cfg)
     settings = HydraConfig.get()

@@ -9,6 +9,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from dore.app import run_folder
+from dore.app.learning_keys import LEARNING, check_learns, check_same, learning_keys
 from dore.app.run_folder import CHECKPOINT
 from dore.app.session import Session
 from dore.app.training import trainer_of
@@ -29,7 +30,7 @@ def train_command(cfg: DictConfig) -> int:
         return _resume(folder, _resumed_config(folder, cfg))
     folder = path_of("run_dir", cfg.run_dir)
     if cfg.existing == "continue" and (folder / CHECKPOINT).exists():
-        run_folder.check_same(folder, cfg)
+        check_same(folder, cfg)
         if run_folder.finished(folder, cfg.training):
             print(f"{folder}: finished already")
             return ExitCode.OK
@@ -63,7 +64,7 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
 def _load(trainer: Trainer, checkpoint: Path, cfg: DictConfig) -> None:
     state = load_checkpoint(checkpoint)
     # Those of version 0.1 do not say.
-    run_folder.check_learns(str(checkpoint), state.get("learns", {}), run_folder.learning_keys(cfg))
+    check_learns(str(checkpoint), state.get("learns", {}), learning_keys(cfg))
     try:
         trainer.load_state_dict(state)
     except NotEnoughMemory:
@@ -78,13 +79,13 @@ def _check_models(folder: Path, cfg: DictConfig) -> None:
     for path in (folder / BEST_NAME, folder / MODEL_NAME):
         if path.exists():
             its = load_model(path)[1]
-            ours = {key: one for key, one in run_folder.learning_keys(cfg).items() if key.split(".")[0] in its}
-            run_folder.check_learns(str(path), dict(leaves(its)), ours)
+            ours = {key: one for key, one in learning_keys(cfg).items() if key.split(".")[0] in its}
+            check_learns(str(path), dict(leaves(its)), ours)
 
 
 def _resumed_config(folder: Path, given: DictConfig) -> DictConfig:
     """The run's own config; of what the command line gives only the budget differs, as `first_checks` has seen to."""
-    cfg = run_folder.read_config(folder, expected=run_folder.LEARNING, known=map(str, given))
+    cfg = run_folder.read_config(folder, expected=LEARNING, known=map(str, given))
     cfg.merge_with_dotlist(run_folder.changes())
     return _moved_to(folder, cfg)
 
@@ -130,7 +131,7 @@ def _resume_with(folder: Path, trainer: Trainer) -> str:
 
 
 def _before_the_first_update(trainer: Trainer) -> str:
-    """How far a run is that has not made an update."""
+    """The progress of a run that has made no update yet."""
     progress, budget = trainer.progress, trainer.budget
     if progress.filled < trainer.to_fill:
         return f"the replay holds {progress.filled:,} of training.fill {trainer.to_fill:,} transitions"

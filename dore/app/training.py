@@ -20,7 +20,6 @@ from dore.learn.memory import memory_for
 from dore.learn.trainer import MAIN, Trainer
 from dore.learn.worlds import World
 from dore.world.instances import InstanceSplits
-from dore.world.layout import MAX_CELLS
 from dore.world.reach import Reach
 
 SECTIONS = (
@@ -47,6 +46,7 @@ def trainer_of(cfg: DictConfig) -> Trainer:
         raise InputError(f"worlds: got {shown(further)}, want further worlds by their names, or {{}}")
     for name, node in further.items():
         settings[str(name)] = _further_setting(str(name), node, cfg.device)
+    _check_slots(cfg, settings)
     torch.manual_seed(cfg.seed)
     agent = agent_from_config(cfg, settings[MAIN][0])
     if cfg.get("init") is not None:
@@ -92,9 +92,6 @@ def _check_numbers(cfg: DictConfig) -> None:
             raise InputError(
                 f"training.{name}: {cfg.training[name]} is more than buffer.storage.max_size {capacity} holds"
             )
-    most = whole("instances.max_obstacles", cfg.instances.get("max_obstacles", 1), 1, at_most=MAX_CELLS)
-    if whole("agent.n_slots", cfg.agent.get("n_slots", most), 1) < most:
-        raise InputError(f"agent.n_slots: {cfg.agent.n_slots} is below max_obstacles {most}")
     if (interval := cfg.target_update.get("value_network_update_interval")) is not None:
         whole("target_update.value_network_update_interval", interval, 0)
     if "tau" in cfg.target_update:
@@ -103,6 +100,18 @@ def _check_numbers(cfg: DictConfig) -> None:
         number("optimizer.lr", cfg.optimizer.lr, above=0.0, at_most=10.0)
     if cfg.optimizer.get("fused") is not None:
         flag("optimizer.fused", cfg.optimizer.fused)
+
+
+def _check_slots(cfg: DictConfig, settings: Mapping[str, tuple[Reach, InstanceSplits]]) -> None:
+    """Raise InputError where a world's instances may have more obstacles than agent=single has slots."""
+    if "n_slots" not in cfg.agent:
+        return
+    n_slots = whole("agent.n_slots", cfg.agent.n_slots, 1)
+    for name, (reach, splits) in settings.items():
+        most = splits.most_obstacles(reach.n_cells)
+        if n_slots < most:
+            where = "" if name == MAIN else f" of worlds.{name}"
+            raise InputError(f"agent.n_slots: {n_slots} is below the {most} obstacles that instances{where} may have")
 
 
 def _setting_of(config: Mapping[str, Any], device: str) -> tuple[Reach, InstanceSplits]:

@@ -16,7 +16,7 @@ MORE = "--config-dir FOLDER adds options of your own (docs/extending.md); --cfg 
 
 
 def answer(command: str, arguments: Sequence[str]) -> str | None:
-    """What a command line that asks for help or for the version gets; None: it asks for neither."""
+    """The answer to --help or --version; None where the command line asks for neither."""
     if "--version" in arguments:
         return version()
     return manual(command) if {"--help", "-h"} & set(arguments) else None

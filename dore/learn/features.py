@@ -1,4 +1,4 @@
-"""A network's observation of a board, and the board's mirror image.
+"""A network's observation of a board, and mirror images to learn from.
 
 B denotes the batch, G the cells, W the words of a board.
 """
@@ -14,6 +14,7 @@ from torch.nn.functional import pad
 from dore.learn.corridor_features import corridor_planes
 from dore.world import board as boards
 from dore.world.kernels.corridor_costs import N_PLANES
+from dore.world.mirror import mirrored_board, mirrored_cell, mirrored_moves
 from dore.world.reach import Reach
 
 Encoding = Literal["planes", "state", "lanes"]
@@ -41,30 +42,15 @@ def n_planes(encoding: Encoding, with_mask: bool) -> int:
 
 
 def mirrored_by_chance(
-    reach: Reach, board_list: list[Tensor], cell_list: list[Tensor]
-) -> tuple[list[Tensor], list[Tensor]]:
-    """Boards Int64[B, W] and cells Int64[B] with about half of the rows mirrored: the same problems again."""
+    reach: Reach, board_list: list[Tensor], cell_list: list[Tensor], *tables: Tensor
+) -> tuple[list[Tensor], ...]:
+    """Boards Int64[B, W], cells Int64[B] and tables [B, G, G] of moves, with about half of the rows mirrored."""
     rows = torch.rand(len(board_list[0]), device=reach.device) < 0.5
     return (
         [torch.where(rows[:, None], mirrored_board(board, reach), board) for board in board_list],
         [torch.where(rows, mirrored_cell(cell, reach), cell) for cell in cell_list],
+        [torch.where(rows[:, None, None], mirrored_moves(table, reach), table) for table in tables],
     )
-
-
-def mirrored_board(board: Tensor, reach: Reach) -> Tensor:
-    """Int64[B, W]: each board mirrored about the robot's x axis; the layout must have a mirror."""
-    return boards.pack(boards.unpack(board, reach.n_cells)[..., _mirror(reach)])
-
-
-def mirrored_cell(cell: Tensor, reach: Reach) -> Tensor:
-    """Int64[...]: each cell's mirror image; the layout must have a mirror."""
-    return _mirror(reach)[cell]
-
-
-def _mirror(reach: Reach) -> Tensor:
-    if reach.mirror is None:
-        raise ValueError("this layout has no mirror image")
-    return reach.mirror
 
 
 def slots(board: Tensor, n_slots: int, n_cells: int) -> tuple[Tensor, Tensor]:

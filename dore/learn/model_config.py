@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from safetensors import SafetensorError, safe_open
 
 from dore.configure import check_classes, renamed
-from dore.errors import InputError, shown
 from dore.schema import Count, checked, named, parse_json
+from dore.world.tensor_files import opened
 
 MODEL_FORMAT = "dore-model/1"
 MODEL_NAME = "model.safetensors"
@@ -60,14 +59,5 @@ def read_config(path: str | os.PathLike[str], parts: Collection[str] | None = No
         InputError: no such file, one that is cut off, or one of another program.
     """
     file = file_of(path)
-    with named(file):
-        try:
-            with safe_open(os.fspath(file), framework="np") as opened:
-                header = opened.metadata() or {}
-        except FileNotFoundError:
-            raise InputError("no such file") from None
-        except (SafetensorError, OSError) as error:
-            raise InputError(f"cut off or damaged ({str(error).splitlines()[0]})") from None
-        if header.get("format") != MODEL_FORMAT:
-            raise InputError(f"format {shown(header.get('format'))}, want {MODEL_FORMAT}")
+    with named(file), opened(file, "np", MODEL_FORMAT) as (_, header):
         return config_of(header, parts)

@@ -22,18 +22,18 @@ from dore.world.reach import Reach
 OBSTACLES, TARGET = 0, 1
 """The planes in which an encoding shows them."""
 FEW = 8
-"""Boards up to which one slow operation is faster than one for each group of cells; it is not used to learn."""
+"""Up to so many boards, one segmented maximum is faster than one maximum a group; it is not used in training."""
 
 
 class Graph(NamedTuple):
-    """Cells and approach corridors as the two sides of a graph. Cells with as many corridors stand beside each other.
+    """Cells and approach corridors as the two sides of a graph. Cells with the same number of corridors are adjacent.
 
     order: Int64[G], the layout's cells in the graph's order; rank: Int64[G], where each of them is there.
-    groups: how many cells have how many corridors, one after the other.
-    n_corridors: Int64[G], the same for each cell.
+    groups: pairs (number of cells, corridors of each of them), in the graph's order.
+    n_corridors: Int64[G], of each cell.
     owner: Int64[L], the cell (in the graph's order) that each corridor leads to.
     blocked_by: Float[L, G], 1 where an obstacle on the cell blocks the corridor.
-    blocks: Float[G, L], the same turned round, divided by the root of how many corridors a cell blocks on average.
+    blocking: Float[G, L], its transpose, divided by the root of how many corridors a cell blocks on average.
     where: Float[G, 2], metres from the middle of the layout's front.
     """
 
@@ -43,7 +43,7 @@ class Graph(NamedTuple):
     n_corridors: Tensor
     owner: Tensor
     blocked_by: Tensor
-    blocks: Tensor
+    blocking: Tensor
     where: Tensor
 
 
@@ -72,10 +72,10 @@ def graph_of(reach: Reach) -> Graph:
 class RelationNet(nn.Module):
     """Messages from cells to the corridors that they block, from a cell's corridors to the cell, and back.
 
-    What a cell is worth depends on which corridors it blocks, and whose: the reach's table says so, and no geometry
-    beside it is assumed, so the weights serve every layout and reach, irregular ones too (not in the paper, whose
-    networks are fully connected). A head of G outputs has one a cell. Any other head has one for each obstacle,
-    ascending by cell, as `agent=single` wants; a slot without an obstacle has the value of the target's cell.
+    The value of a cell depends on which corridors it blocks, and where they lead. The reach's table holds this, and the
+    network assumes no other geometry, so its weights serve every layout and reach, irregular ones too (not in the
+    paper, whose networks are fully connected). A head of G outputs has one a cell. Any other head has one for each
+    obstacle, ascending by cell, as `agent=single` wants; a slot without an obstacle has the value of the target's cell.
 
     Args:
         reach: gives the graph.
@@ -130,7 +130,7 @@ class RelationNet(nn.Module):
 class Messages(nn.Module):
     """One round of messages, as what it adds to the features of the cells.
 
-    A corridor gets messages from what stands in it and from the cell that it leads to; a cell from its best corridor,
+    A corridor gets messages from the objects in it and from the cell that it leads to; a cell from its best corridor,
     since one free corridor is enough, and from every corridor that it blocks; each from the mean, the maximum
     and the target.
     """
@@ -156,7 +156,7 @@ class Messages(nn.Module):
         corridor = silu(torch.addmm(owner, graph.blocked_by, stands).view(len(owner), batch, width))
         best = best_corridors(graph, corridor)
         back = silu(self.from_corridor(corridor) + self.from_best(best).index_select(0, graph.owner))
-        down = (graph.blocks @ back.flatten(1)).view(n_cells, batch, width)
+        down = (graph.blocking @ back.flatten(1)).view(n_cells, batch, width)
         everywhere = torch.cat([hidden.mean(0), hidden.amax(0), hidden[target, row]], -1)
         mixed = self.mix(torch.cat([hidden, best, down], -1)) + self.from_everywhere(everywhere)
         out: Tensor = self.out(silu(mixed))

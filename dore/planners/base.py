@@ -36,14 +36,14 @@ class RawPlan(NamedTuple):
     reason: str = ""
     """Why there is no solution, in a few words."""
     lower_bound: int | None = None
-    """Of an instance that was given up: no plan has fewer moves."""
+    """Where the planner gave up: no plan has fewer moves."""
 
 
 class Planner(ABC):
     """Plans rearrangements. Constructors take `reach: Reach` first, then keys of their own."""
 
     name: str
-    """What plans, rows and tables call it."""
+    """Its name in plans, rows and tables."""
     reach: Reach
     group: int | None = None
     """The most instances that `raw_plans` gets at once; None: any number."""
@@ -112,7 +112,7 @@ def plan_of(raw_plan: RawPlan, right: Replayed, row: int, planner: str) -> Plan:
 
 
 def refuse(reach: Reach, board: np.ndarray, target: int, row: int, plan: Plan) -> NoReturn:
-    """Say what is wrong with the plan of a row, in the words of the replay from the geometry; board: uint64[W].
+    """Raise the error of the replay from the geometry for the plan of a row; board: uint64[W].
 
     Raises:
         PlanError: always.

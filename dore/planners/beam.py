@@ -13,6 +13,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from dore.errors import whole
 from dore.planners.priors import Prior
 from dore.world.board import bit
 from dore.world.problem import Batch
@@ -27,10 +28,18 @@ class Shape(NamedTuple):
     picks: int
     places: int
 
+    def checked(self, options: str) -> Shape:
+        """This shape; `options` is its place in the config.
+
+        Raises:
+            InputError: a number outside its domain.
+        """
+        return Shape(*(whole(f"{options}.{name}", n, 1, at_most=4096) for name, n in self._asdict().items()))
+
 
 @dataclass
 class Search:
-    """How the search of an instance ends, or how far it is. seconds: of CPU; spent: its budget is."""
+    """The state or the result of an instance's search. seconds: CPU; spent: whether its budget is used up."""
 
     seen: set[tuple[int, ...]]
     expansions: int = 0
@@ -74,13 +83,13 @@ class Beam:
         self.max_nodes, self.max_seconds = max_nodes, max_seconds
         self.searches = [Search({tuple(board)}) for board in start.board.tolist()]
         self.tree: list[tuple[int, int, int]] = []
-        """Of every board but the first ones: the one before it, here, and the move."""
+        """For every board but the first ones: the index of the one before it, and the move."""
         n, device = len(start.target), start.board.device
         self.board, self.row = start.board, torch.arange(n, device=device)
         self.log_p = torch.zeros(n, device=device)
         self.node = [-1] * n
         self.moved = torch.full((n,), -1, device=device)
-        """Int64[N]: where the last obstacle was placed; moving it at once again is one move too many."""
+        """Int64[N]: where the last obstacle was placed; moving it again at once would waste a move."""
 
     @torch.inference_mode()
     def run(self) -> list[Search]:

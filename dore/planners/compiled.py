@@ -1,4 +1,4 @@
-"""Planners that are a compiled search, and nothing else."""
+"""Planners that consist of a compiled search."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dore.world.reach import Reach
 from dore.world.replayed import Moves, Replayed, replayed
 
 STATUS = {slices.SOLVED: Status.SOLVED, slices.UNSOLVABLE: Status.UNSOLVABLE, slices.LOCKED: Status.UNSOLVABLE}
-"""Of the outcomes; of all others: gave up."""
+"""By outcome; all others: gave up."""
 REASON = {
     slices.SOLVED: "",
     slices.UNSOLVABLE: EXHAUSTED,
@@ -49,7 +49,7 @@ class Compiled(Planner):
         return self._search(unsigned(batch.board), batch.target.cpu().numpy())
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """The plans of a batch; the wall time is shared out by the CPU time that each took."""
+        """The plans of a batch; the wall time is divided in proportion to the CPU time that each took."""
         began = time.perf_counter()
         found = self.find(batch)
         share = _share(found, began)
@@ -105,7 +105,7 @@ def raw_plan_of(found: slices.Found, row: int, share: float) -> RawPlan:
 
 
 class ReplayedPlans(Sequence[Plan]):
-    """Plans that were replayed and are kept as arrays; each is made when it is asked for."""
+    """Replayed plans, kept as arrays; each `Plan` is made when it is first asked for."""
 
     def __init__(self, planner: str) -> None:
         self._planner = planner
@@ -113,7 +113,7 @@ class ReplayedPlans(Sequence[Plan]):
         self._firsts = [0]
 
     def add(self, found: slices.Found, share: float, right: Replayed) -> None:
-        """Append what was found and replayed together; of the moves, what was taken for longer plans is let go."""
+        """Append what was found and replayed together; the room taken for longer plans is freed."""
         moves = found.moves[:, : right.sectors.shape[1] - 1].copy()
         self._parts.append((found._replace(moves=moves), share, right))
         self._firsts.append(len(self) + len(moves))

@@ -1,20 +1,18 @@
-"""Exact search, and where that takes long a beam led by a trained network."""
+"""Exact search, and a beam guided by a trained network where that takes long."""
 
 from __future__ import annotations
 
 import os
 import time
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 
-from dore.errors import flag, number, one_of, whole
+from dore.errors import flag, number, whole
 from dore.planners.base import Planner, RawPlan
 from dore.planners.beam import Beam, Shape
 from dore.planners.compiled import raw_plan_of
-from dore.planners.learned import Learned
-from dore.planners.priors import CostPrior, NetworkPrior, Prior, RandomPrior
+from dore.planners.priors import Values, prior_of
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
 from dore.world.kernels.slices import Limits
@@ -23,13 +21,12 @@ from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
-Values = Literal["network", "costs", "random"]
 BEAM_SHARE = 0.5
-"""Of the budget that the first exact search leaves, what the beam may use."""
+"""The share of the budget left by the first exact search that the beam may use."""
 
 
 class Guided(Planner):
-    """Three searches of an instance, within one budget: exact, for a moment; a beam; exact again with what is left.
+    """Three searches of an instance within one budget: a brief exact one, a beam, and exact search for the rest.
 
     Most boards are decided by the first, with a proof (`dore.planners.exact`). The beam (`dore.planners.beam`) keeps
     the `width` most probable boards of each layer, by a prior over picks and places. Its plans are not proved to
@@ -39,8 +36,8 @@ class Guided(Planner):
     Args:
         reach: may differ from the one trained on.
         model: a run directory or a model file; None: the one in the package, which serves every layout.
-        values: what ranks moves: the model's networks, the corridor costs, or a random order.
-        temperature: by which the networks' values are divided to be logits of probabilities.
+        values: what moves are ranked by: the model's networks, the corridor costs, or a random order.
+        temperature: divides the networks' values, which are then logits of probabilities.
         width, picks, places: boards of a layer, picks of a board and places of a pick that the beam keeps.
         exact_seconds: CPU seconds of the first exact search.
         improve: whether the exact search goes on for a shorter plan until the budget is spent.
@@ -73,12 +70,7 @@ class Guided(Planner):
         seed: int,
     ) -> None:
         self.reach = reach
-        one_of("planners.guided.values", values, Values)
-        self.shape = Shape(
-            whole("planners.guided.width", width, 1, at_most=4096),
-            whole("planners.guided.picks", picks, 1, at_most=4096),
-            whole("planners.guided.places", places, 1, at_most=4096),
-        )
+        self.shape = Shape(width, picks, places).checked("planners.guided")
         self.exact_seconds = number("planners.guided.exact_seconds", exact_seconds, above=0.0, at_most=1e7)
         self.improve = flag("planners.guided.improve", improve)
         self.limits = Limits(
@@ -86,11 +78,7 @@ class Guided(Planner):
             nodes=whole("planners.guided.max_nodes", max_nodes, 1),
             megabytes=number("planners.guided.max_memory_mb", max_memory_mb, above=0.0, at_most=1e7),
         )
-        priors: dict[str, Prior] = {"costs": CostPrior(reach), "random": RandomPrior(reach, seed)}
-        temperature = number("planners.guided.temperature", temperature, above=0.0, at_most=1e6)
-        if values == "network":
-            priors[values] = NetworkPrior(Learned(reach, model, max_moves=1).agent, temperature)
-        self.prior = priors[values]
+        self.prior = prior_of("planners.guided", reach, values, model, temperature, seed)
         # Compiles what is not compiled yet, so that no plan's time holds that.
         nothing = torch.empty(0, dtype=torch.int64)
         self._exact(Batch(nothing.view(0, reach.n_words), nothing), self.limits)

@@ -18,9 +18,9 @@ from dore.world.rules import accessibility, lift
 CAPACITY = 2**18
 """Transitions kept, each in some 40 bytes."""
 WAY_SHARE = 0.5
-"""Of a sample, once a way to the target is known."""
+"""The share of a sample that comes from the way to the target, once one is known."""
 RETURN_SHARE = 0.9
-"""Of the episodes, which start at a board that was reached before."""
+"""The share of episodes that start at a board that was reached before."""
 CLOSED = 256
 """Where more boards than this have been reached, none of them is searched for a way out."""
 
@@ -29,7 +29,7 @@ Board = tuple[int, ...]
 
 
 class InstanceMemory(ReplayBuffer):
-    """Transitions of one instance, the boards they reach, and the shortest way to the target that they make up.
+    """Transitions of one instance, the boards they reach, and the shortest way to the target through them.
 
     The paper does not say how its memory is made. Here as in Go-Explore (Ecoffet and others, 2021): most episodes
     start at a board that was reached before (`Returning`), so that exploring continues from there; and once an episode
@@ -78,7 +78,7 @@ class InstanceMemory(ReplayBuffer):
     def exhausted(self) -> bool:
         """Whether these are all boards that can be reached, and none opens the target: there is no plan.
 
-        False proves nothing: it is not looked into while there are new boards, nor where there are many.
+        False proves nothing: the check is skipped while new boards turn up, and where there are many.
         """
         if self._grown or self.way is not None or len(self.boards) > CLOSED:
             return False

@@ -107,7 +107,7 @@ class Mcts(Planner):
             trees[row].grow(board, leaf, self.gamma)
 
     def _judge(self, tree: Tree) -> None:
-        """Whether a search is over, and why."""
+        """Whether a search has ended, and why."""
         if tree.exhausted:
             tree.reason = EXHAUSTED.format(len(tree.seen))
         elif tree.plan is None and tree.expansions >= self.max_nodes:
@@ -117,7 +117,7 @@ class Mcts(Planner):
         tree.over = tree.plan is not None or bool(tree.reason)
 
     def leaves(self, batch: Batch) -> list[Leaf]:
-        """What each board offers."""
+        """The moves of each board, with priors and a value."""
         board, target = batch
         row, cell = accessibility(self.reach, board, target).pick.nonzero(as_tuple=True)
         lifted = lift(board[row], cell)

@@ -24,7 +24,7 @@ class RelocationGraph(Policy):
     - An object leads to another one (or to the target) if it stands on an approach corridor of that one with no
       other object between them. The robot leads to each object that is accessible and can be put somewhere.
     - The objects on a path of fewest objects from the robot to the target are to be relocated; the first of them goes
-      now, and the graph is made anew, as the papers do when a scene changes.
+      now, and the graph is built again, as the papers do when a scene changes.
     - It goes to the legal place that blocks fewest others: on whose best approach corridors it would stand; of
       equal ones the nearest.
 

@@ -1,4 +1,4 @@
-"""Policies without a network, to compare with: random moves, winning moves, and one step of lookahead."""
+"""Policies without a network, for comparison: random moves, winning moves, and one step of lookahead."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Lookahead(Policy):
     The cost is `now` of `dore.learn.corridor_features`: an estimate of the moves that are left.
 
     Args:
-        max_moves: gives up after this many, which are the boards that it expands.
+        max_moves: gives up after this many moves; it expands one board a move.
     """
 
     name = "lookahead"

@@ -27,9 +27,9 @@ class GiveUp(StrEnum):
     NO_PLACE = "no place"
     """No cell is open to the picked obstacle, or each would bring an earlier board back."""
     NO_APPROACH = "no approach"
-    """Every approach to an obstacle or the target is blocked by the target, or by what waits for that approach."""
+    """Every approach to an obstacle or the target is blocked by the target or by an obstacle that waits for it."""
     BUDGET = "move budget"
-    """`max_moves` are spent."""
+    """`max_moves` moves are made."""
 
 
 KEY = "planners.straight_line"
@@ -187,7 +187,7 @@ class _Clearing:
         raise _Stuck(GiveUp.NO_APPROACH, cell)
 
     def _look(self, board: Tensor) -> None:
-        """See where the obstacles are and what the hand can get to."""
+        """Update where the obstacles are and what the hand can reach."""
         reach = self.planner.reach
         self.obstacles = set(boards.unpack(board[0], reach.n_cells).nonzero().squeeze(-1).tolist())
         standing = board | boards.bit(self.target_id, board.shape[-1])

@@ -30,7 +30,7 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 
 NUM_ENVS = 512
-"""Episodes of the one instance that are played at once: what exploring finds is the bottleneck, and it is cheap."""
+"""Episodes of the one instance that are played at once: exploration is the bottleneck, and it is cheap."""
 ROUND_S = 4e-7
 """A round of this many seconds for each environment and each pair of cells, at most: measured on 10 x 10 at 45 %."""
 TEST_EVERY = 16
@@ -38,7 +38,7 @@ TEST_EVERY = 16
 
 
 class Transfer(Planner):
-    """The greedy policy; on failure, transfer learning on a copy. The base model stays as it was.
+    """The greedy policy; on failure, transfer learning on a copy. The base model does not change.
 
     The experience memory is made from the failed instance alone (`InstanceMemory`), by epsilon-greedy moves. The copy
     is tested on it every few episodes, and its first success ends the learning (the paper tests after each episode;
@@ -52,7 +52,7 @@ class Transfer(Planner):
         model: a run directory or a model file; None: the one in the package that learned from rewards alone.
         max_moves: step limit of an episode.
         max_episodes: T_lim, for one instance.
-        max_seconds: of learning, for one instance. The fewer they are, the fewer episodes are played at once.
+        max_seconds: of learning, for one instance. With fewer, fewer episodes are played at once.
         epsilon: share of random choices while learning.
         lr: of Adam.
         batch_size: transitions an update.
@@ -105,7 +105,7 @@ class Transfer(Planner):
         )
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """The base model on all instances at once, then one learning after the other."""
+        """The base model on all instances at once, then transfer learning, one instance after the other."""
         began = time.perf_counter()
         raw_plans = self.base.raw_plans(batch)
         outcome = glance(self.reach, batch).outcome

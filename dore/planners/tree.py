@@ -1,4 +1,4 @@
-"""The tree of a search by PUCT: its nodes, the way down, and what is handed back. E denotes the moves of a node."""
+"""The tree of a search by PUCT: its nodes, selection and backup. E denotes the moves of a node."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dore.world.plan import Status
 
 
 class Leaf(NamedTuple):
-    """What a board offers. moves: Int64[E, 2]; priors: Float32[E]; value: of the board; opening: a winning move."""
+    """A new board, evaluated. moves: Int64[E, 2]; priors: Float32[E]; value: of the board; opening: a winning move."""
 
     moves: np.ndarray
     priors: np.ndarray
@@ -88,7 +88,7 @@ class Tree:
         return self.start
 
     def grow(self, board: int, leaf: Leaf, gamma: float) -> None:
-        """Put a board in, and hand its value back to the nodes before it."""
+        """Put a board in, and back its value up to the nodes before it."""
         self.expansions += 1
         self.seen.add(board)
         if leaf.opening is not None:
@@ -108,7 +108,7 @@ class Tree:
             before.totals[edge] += value
 
     def raw_plan(self) -> RawPlan:
-        """What came of it."""
+        """The result as a raw plan."""
         if self.plan is not None:
             return RawPlan(self.plan, Status.SOLVED, self.wall_s, self.expansions)
         status = Status.UNSOLVABLE if self.exhausted else Status.GAVE_UP

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dore.errors import InputError, number, whole
-from dore.sim.config import check_picture, number_list
+from dore.sim.checks import check_picture, number_list
 from dore.sim.frames import Array, pixels_of
 from dore.world.layout import Layout
 

@@ -1,4 +1,4 @@
-"""Instances by what they ask for: their density, and the fewest moves that solve them, proved."""
+"""Instances chosen by their density and by the proved fewest moves that solve them."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from dore.world.problem import Batch
 from dore.world.reach import Reach
 
 DRAWN = 128
-"""Instances looked at once."""
+"""Instances drawn at once."""
 
 
 class ChosenInstances(InstanceSource):
-    """New instances of one split whose fewest moves are known; of m moves, a share of them is kept.
+    """New instances of one split, each kept with a chance that depends on its proved fewest moves.
 
     Args:
         fresh: draws them.
@@ -46,7 +46,7 @@ class ChosenInstances(InstanceSource):
             part = self._choose(self._fresh.draw(DRAWN))
             stale = stale + 1 if not len(part.target) else 0
             if stale == PATIENCE:
-                raise InputError(f"instances: of {PATIENCE * DRAWN} none has as many moves as instances.keep wants")
+                raise InputError(f"instances: none of {PATIENCE * DRAWN} has a length that instances.keep keeps")
             parts.append(part)
             found += len(part.target)
         board, target = (torch.cat(column) for column in zip(*parts, strict=True))
@@ -79,7 +79,7 @@ class ChosenInstances(InstanceSource):
 
 @dataclass(frozen=True)
 class OptimumSplits:
-    """The three splits, as `InstanceSplits`, of instances that are chosen by density and by their fewest moves.
+    """The three splits, as in `InstanceSplits`, of instances chosen by density and by their fewest moves.
 
     Args:
         min_density, max_density: the share of the cells that hold an obstacle, at least one obstacle.
@@ -128,11 +128,14 @@ class OptimumSplits:
         """Used once, at the end."""
         return self._set(reach, "test", self.test_size)
 
+    def most_obstacles(self, n_cells: int) -> int:
+        """The most that an instance may have."""
+        return _count(self.max_density, n_cells)
+
     def new(self, reach: Reach, split: str, seed: int) -> ChosenInstances:
         """New instances of a split without end."""
-        cells = reach.n_cells
-        low, high = (max(1, round(share * cells)) for share in (self.min_density, self.max_density))
-        fresh = FreshInstances(reach, Difficulty(low, high), split, seed)
+        difficulty = Difficulty(_count(self.min_density, reach.n_cells), self.most_obstacles(reach.n_cells))
+        fresh = FreshInstances(reach, difficulty, split, seed)
         return ChosenInstances(fresh, self.keep, self.max_nodes, self.max_moves)
 
     def _set(self, reach: Reach, split: str, size: int) -> InstanceSet:
@@ -147,3 +150,8 @@ class OptimumSplits:
             board, target = source.draw(size)
             found = first_of_each(torch.cat([found, torch.cat([board, target[:, None]], -1)]))
         return InstanceSet(reach, found[:size, :-1].contiguous(), found[:size, -1].contiguous())
+
+
+def _count(density: float, n_cells: int) -> int:
+    """How many obstacles a density stands for, at least one."""
+    return max(1, round(density * n_cells))

@@ -13,7 +13,8 @@ import torch
 from torch import Tensor
 
 from dore.errors import InputError, seed_of, whole
-from dore.world.board import pack, unpack
+from dore.world.board import pack
+from dore.world.mirror import mirrored_board
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
@@ -156,8 +157,7 @@ def split_share(board: Tensor, reach: Reach) -> Tensor:
     """Float64[B]: each board's place in [0, 1), the same for a board and its mirror image (splitmix64)."""
     share = hashed(board)
     if reach.mirror is not None:
-        mirrored = unpack(board, reach.n_cells)[:, reach.mirror]
-        share = torch.minimum(share, hashed(pack(mirrored)))
+        share = torch.minimum(share, hashed(mirrored_board(board, reach)))
     # The lower of two uniform numbers is not uniform: 1 - (1 - u)^2 is.
     return 1 - (1 - share) ** 2 if reach.mirror is not None else share
 

@@ -51,6 +51,25 @@ def _covered_from(cells: np.ndarray, centres: np.ndarray, sectors_deg: np.ndarra
     return covered & (cells[:, None] != np.arange(len(centres)))[:, None]
 
 
+def followed(
+    centres: np.ndarray,
+    sectors_deg: np.ndarray,
+    staging_x: float,
+    lateral_limit_m: float | None,
+    max_yaw_deg: float | None,
+) -> np.ndarray:
+    """Bool[G, S]: the corridors the arm itself can follow, whatever stands on the board; see `Reach`."""
+    x, y = centres.T[:, :, None]
+    heading = np.arctan2(y, x) + np.radians(sectors_deg)
+    allowed = np.ones_like(heading, dtype=np.bool_)
+    if max_yaw_deg is not None:
+        allowed &= np.abs(heading) <= math.radians(max_yaw_deg) + EDGE_RAD
+    if lateral_limit_m is not None:
+        crossing = y - (x - staging_x) * np.tan(heading)
+        allowed &= (np.cos(heading) > 0) & (np.abs(crossing) <= lateral_limit_m + EDGE_RAD)
+    return allowed
+
+
 def undominated(blocking: np.ndarray, allowed: np.ndarray) -> np.ndarray:
     """uint64[D, G, W]: for each cell, the sets of cells that must be empty for one of its corridors to be free.
 

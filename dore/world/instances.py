@@ -179,6 +179,10 @@ class InstanceSplits:
         """How many obstacles there are."""
         return Difficulty(self.min_obstacles, self.max_obstacles)
 
+    def most_obstacles(self, n_cells: int) -> int:
+        """The most that an instance may have."""
+        return self.max_obstacles
+
     def new(self, reach: Reach, split: str, seed: int) -> FreshInstances:
         """New instances of a split without end."""
         return FreshInstances(reach, self.difficulty, split, seed)

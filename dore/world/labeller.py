@@ -1,4 +1,4 @@
-"""Exact labels: the fewest moves of a board, and what each of its moves wastes."""
+"""Exact labels: the fewest moves of a board, and how many moves each of its moves wastes."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from dore.world.reach import Reach
 __all__ = ["ILLEGAL", "NO_PLAN", "UNDECIDED", "UNKNOWN", "Labeller", "Labels"]
 
 SMALL_ROOM, LARGE_ROOM = 4096, 1 << 17
-"""Boards that a search may see: it begins in the small store, which is quick to clear."""
+"""How many boards a search may store: it begins in the small store, which is quick to clear."""
 SLICE = 1 << 14
-"""Boards expanded, more or less, between two returns to Python, which hears Ctrl-C then: some 0.2 s."""
+"""About how many boards are expanded before control returns to Python, which then handles Ctrl-C: some 0.2 s."""
 
 
 class Labels(NamedTuple):
     """What is known of B boards.
 
-    fewest: Int16[B], the fewest moves to an accessible target; NO_PLAN: proved that there is no plan; UNDECIDED: given
-        up, or longer than was looked for.
+    fewest: Int16[B], the fewest moves to an accessible target; NO_PLAN: proved that there is no plan; UNDECIDED: the
+        search gave up, or every plan is longer than `max_moves`.
     wasted: Int8[B, G, G], by how many moves each (pick, place) makes the shortest plan longer: 0, 1 or 2;
-        ILLEGAL: the move is not allowed, or the board's fewest moves are not known; UNKNOWN: given up.
+        ILLEGAL: the move is not allowed, or the board's fewest moves are not known; UNKNOWN: the search gave up.
     """
 
     fewest: Tensor
@@ -44,7 +44,7 @@ class Labeller:
     Args:
         max_nodes: gives up on a board, or on the board after a move, once this many are expanded.
         max_moves: the longest plan looked for.
-        section: of the config, whose keys these are.
+        section: of the config, which has these keys.
 
     Raises:
         InputError: a number outside its domain.
@@ -69,7 +69,7 @@ class Labeller:
         self._stores = new_store(small, words), new_store(max(LARGE_ROOM, 2 * small), words)
 
     def label(self, batch: Batch, enough: int | None = None) -> Labels:
-        """The labels of a batch; of its first rows alone, once so many boards were expanded for them (None: of all)."""
+        """The labels of a batch. After `enough` expanded boards the other rows stay UNDECIDED; None: no limit."""
         n, cells = len(batch.target), self.reach.n_cells
         wasted = np.full((n, cells, cells), ILLEGAL, np.int8)
         fewest = self._run(batch, wasted, enough)

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from dore.errors import InputError, integer, number, shown, whole
+from dore.world.histogram import EDGE_RAD
 from dore.world.problem import Problem, Scene, cell_id
-from dore.world.reach import EDGE_RAD, Reach
+from dore.world.reach import Reach
 
 
 class Status(StrEnum):

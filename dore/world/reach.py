@@ -15,7 +15,7 @@ import numpy as np
 
 from dore.errors import InputError, number, whole
 from dore.world import histogram
-from dore.world.histogram import EDGE_RAD
+from dore.world.device import device_of
 from dore.world.kernels.replay import Sectors
 from dore.world.kernels.tables import Table, table_of
 from dore.world.layout import Layout
@@ -86,7 +86,10 @@ class Reach:
         blocking = histogram.blockers(layout.places, degrees, self.clearance_m)
         self.degrees = [*degrees.tolist(), math.nan]
         """Of each sector, counter-clockwise; and at the end, as of no sector, nan."""
-        self.histogram = Sectors(blocking, self._allowed(degrees), np.abs(degrees).argsort(kind="stable"))
+        allowed = histogram.followed(
+            layout.places, degrees, layout.front_m - self.staging_m, self.lateral_limit_m, self.max_yaw_deg
+        )
+        self.histogram = Sectors(blocking, allowed, np.abs(degrees).argsort(kind="stable"))
         """All sectors of each cell, as the compiled replay takes them."""
         self._device = "cpu"
 
@@ -244,32 +247,3 @@ class Reach:
         """The parameters as plan files and model files hold them: without limits that are not set."""
         names = ("clearance_m", "half_fan_deg", "n_sectors", "staging_m", "lateral_limit_m", "max_yaw_deg")
         return {name: value for name in names if (value := getattr(self, name))}
-
-    def _allowed(self, degrees: np.ndarray) -> np.ndarray:
-        """Bool[G, S]: the corridors the arm itself can follow, whatever stands on the board."""
-        x, y = self.layout.places.T[:, :, None]
-        heading = np.arctan2(y, x) + np.radians(degrees)
-        allowed = np.ones_like(heading, dtype=np.bool_)
-        if self.max_yaw_deg is not None:
-            allowed &= np.abs(heading) <= math.radians(self.max_yaw_deg) + EDGE_RAD
-        if self.lateral_limit_m is not None:
-            crossing = y - (x - (self.layout.front_m - self.staging_m)) * np.tan(heading)
-            allowed &= (np.cos(heading) > 0) & (np.abs(crossing) <= self.lateral_limit_m + EDGE_RAD)
-        return allowed
-
-
-def device_of(name: torch.device | str) -> torch.device:
-    """A device that is there.
-
-    Raises:
-        InputError: no such device on this machine.
-    """
-    import torch
-
-    try:
-        device = torch.device(name)
-    except (RuntimeError, TypeError):
-        raise InputError(f"device: got {name!r}, want cpu, cuda or cuda:N") from None
-    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
-        raise InputError(f"device: {name!r} is not on this machine, which has {torch.cuda.device_count()} CUDA devices")
-    return device

@@ -77,6 +77,10 @@ class SceneInstances:
             if not scene.layout.coincides(layout):
                 raise InputError(f"instances: scene {number} has {scene.layout}, want one layout of all, as {layout}")
 
+    def most_obstacles(self, n_cells: int) -> int:
+        """The most that a scene has."""
+        return max(len(scene.obstacles) for scene in self.scenes)
+
     def train(self, reach: Reach, seed: int) -> InstanceSource:
         """Nothing to train on.
 

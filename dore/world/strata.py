@@ -26,6 +26,7 @@ from dore.world.generator import SPLITS, split_share
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
 from dore.world.kernels.tables import unsigned
+from dore.world.mirror import mirrored_board, mirrored_cell
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import has_move, retrievable
@@ -65,7 +66,7 @@ class Made:
 
 
 def make(benchmark: Benchmark, report: Callable[[World, Made], None]) -> dict[str, np.ndarray]:
-    """All worlds of a benchmark, as its file holds them; `report` hears of each."""
+    """All worlds of a benchmark, as its file holds them; `report` is called for each."""
     found = {}
     for world in benchmark.worlds:
         made = make_world(benchmark, world)
@@ -108,8 +109,7 @@ def _fresh(reach: Reach, batch: Batch, seen: set[bytes]) -> Batch:
     """Those that are neither in `seen`, nor mirror images of what is there; they are added to it."""
     images = [_bytes(*batch)]
     if reach.mirror is not None:
-        mirrored = pack(unpack(batch.board, reach.n_cells)[:, reach.mirror])
-        images.append(_bytes(mirrored, reach.mirror.argsort()[batch.target]))
+        images.append(_bytes(mirrored_board(batch.board, reach), mirrored_cell(batch.target, reach)))
     kept = []
     for row, same in enumerate(zip(*images, strict=True)):
         if (key := min(same)) not in seen:

@@ -8,7 +8,7 @@ import hydra
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from dore.app.run_folder import LEARNING, leaves
+from dore.app.learning_keys import LEARNING, leaves
 from dore.app.training import trainer_of
 from dore.files import conf_dir
 from dore.report.runs import StudyRun, jobs_of

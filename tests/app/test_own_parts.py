@@ -6,8 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from hydra._internal.core_plugins import file_config_source
+from hydra._internal.sources_registry import SourcesRegistry
 
-from dore.app import sweep
+from dore.app import own_parts, sweep
 from tests.commands import TINY, complaints, run
 
 SCENE = ("layout=3x6", "reach=wide_hand", "instances=z3-5")
@@ -28,7 +30,7 @@ def own(tmp_path, monkeypatch):
     write(
         tmp_path / "it's one",
         network__small="_target_: dore.learn.networks.MLP\n_partial_: true\nwidths: [8]\n",
-        planner__headless="_target_: dore.planners.straight_line.StraightLine\n",
+        planner__headless="_target_: dore.planners.simple.Lookahead\nmax_moves: 9\n",
         planner__headed="# @package planners.headed\n_target_: nowhere.Planner\n",
     )
     write(tmp_path / "two", network__smaller="_target_: dore.learn.networks.MLP\n_partial_: true\nwidths: [4]\n")
@@ -64,10 +66,35 @@ def test_messages_know_the_own_options(own, capsys):
 
 
 @pytest.mark.parametrize("planner", ["headless", "[exact,headless]"])
-def test_a_planner_without_a_package_is_not_left_out(own, capsys, planner):
-    assert run("evaluate", [*own, *SCENE, f"planner={planner}"]) == 2
-    says = "headless.yaml: does not say where its keys go; want as its first line: # @package planners.headless\n"
-    assert capsys.readouterr().err.endswith(says)
+def test_a_planner_without_a_package(own, tmp_path, planner):
+    out = tmp_path / "rows"
+    assert run("evaluate", [*own, *SCENE, f"planner={planner}", "limit=2", f"run_dir={out}"]) == 0
+    assert "headless,2," in (out / "rows.csv").read_text(encoding="utf-8")
+
+
+def test_planners_without_a_package_in_a_sweep_have_keys_of_their_own(own, tmp_path):
+    write(tmp_path / "two", planner__bold="_target_: dore.planners.simple.Lookahead\nmax_moves: 1\n")
+    folder = f"hydra.sweep.dir={tmp_path / 's'}"
+    arguments = ["-m", *own, *SCENE, "planner=headless,bold", "limit=2", "hydra/launcher=basic", folder]
+    assert run("evaluate", arguments) == 0
+    assert len(list((tmp_path / "s").glob("*/rows.csv"))) == 2
+
+
+def test_a_launchers_worker_can_register_hydras_own_files_again():
+    own_parts.files_without_package()
+    SourcesRegistry.instance().register(file_config_source.FileConfigSource)  # Refused under another name.
+    assert SourcesRegistry.instance().types["file"] is own_parts.FileConfigSource
+
+
+def test_a_planner_whose_keys_go_elsewhere_is_not_left_out(own, tmp_path, capsys):
+    write(tmp_path / "two", planner__lost="# @package planner.lost\n_target_: dore.planners.simple.Lookahead\n")
+    assert run("evaluate", [*own, *SCENE, "planner=[exact,lost]"]) == 2
+    assert "dore-evaluate: planner: got exact, lost, of which 1 can be used; want" in capsys.readouterr().err
+
+
+def test_a_typo_beside_a_list_of_planners_names_that_planners_keys(own, capsys):
+    assert run("evaluate", [*own, *SCENE, "planner=[exact,headless]", "planners.exact.max_second=1"]) == 2
+    assert "planners.exact.max_second: no such key (did you mean max_seconds?)" in capsys.readouterr().err
 
 
 def test_a_class_that_is_not_found(own, tmp_path, capsys):

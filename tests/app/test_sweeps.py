@@ -34,7 +34,7 @@ def folders(root: Path) -> list[Path]:
     return sorted(path.parent for path in root.glob("*/config.yaml"))
 
 
-def until(there, seconds: float = 90) -> None:
+def until(there, seconds: float = 300) -> None:
     """Wait for something that another process makes."""
     deadline = time.monotonic() + seconds
     while not there():

@@ -58,6 +58,7 @@ def test_help_and_bad_input_are_answered_before_torch_is_loaded(tmp_path):
     for command, words, answer in (
         ("train", ["--help"], None),
         ("plan", ["scene=no.json"], "no.json: no such file"),
+        ("plan", ["scene=fgi1"], "fgi1: no such file (did you mean fig1?)"),
         ("execute", ["plan=no.json"], "no.json: no such file"),
         ("execute", [], "plan, scene: want one of them: a plan file, or a scene file or random"),
         ("train", ["existing=maybe"], "existing: got 'maybe', want refuse or continue"),

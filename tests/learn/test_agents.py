@@ -9,9 +9,9 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from dore.errors import InputError
 from dore.learn import keys
 from dore.learn.agents.common import never_empty
-from dore.learn.features import mirrored_board
 from dore.learn.replay import compact, restore
 from dore.world.layout import Layout
+from dore.world.mirror import mirrored_board
 from dore.world.reach import Reach
 from dore.world.rules import Failure
 from tests.drawings import wide_hand

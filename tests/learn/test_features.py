@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from dore.learn.features import encode, mirrored_board, mirrored_cell, n_planes, slot_of, slots
+from dore.learn.features import encode, n_planes, slot_of, slots
 from dore.world.board import pack, unpack
+from dore.world.mirror import mirrored_board, mirrored_cell
 from dore.world.rules import accessibility
 from tests.drawings import wide_hand
 from tests.worlds import make_env

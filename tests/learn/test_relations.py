@@ -13,12 +13,13 @@ from dore.app.training import trainer_of
 from dore.errors import InputError
 from dore.learn.agents.common import agent_from_config
 from dore.learn.checkpoint import save_model
-from dore.learn.features import encode, mirrored_cell
+from dore.learn.features import encode
 from dore.learn.relations import RelationNet, graph_of
 from dore.planners.learned import Learned
 from dore.world.board import bit, pack
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.layout import Layout
+from dore.world.mirror import mirrored_cell
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility

@@ -38,19 +38,19 @@ def untrained(tmp_path_factory):
 
 def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
     boards = boards_of("3x6_z3-7", untrained, 60)
-    assert [board.instance for board in boards] == list(range(1, 61))
-    failed = [board for board in boards if board.stop_reason]
+    assert [board.row["instance"] for board in boards] == list(range(1, 61))
+    failed = [board for board in boards if board.row["stop_reason"]]
     assert failed
     for board in failed:
         mistake = board.mistake
         assert mistake is not None
-        assert mistake.before == board.optimum - (mistake.number - 1)
+        assert mistake.before == board.row["optimum"] - (mistake.number - 1)
         assert mistake.after is None or mistake.after >= mistake.before
         assert (mistake.best.pick, mistake.best.place) != (mistake.panel.move.pick, mistake.panel.move.place)
         assert mistake.panel.move.pick in mistake.panel.problem.scene.obstacles
         if mistake.number == 1:
-            assert mistake.now == board.now
-    assert all(board.mistake is None for board in boards if not board.stop_reason)
+            assert mistake.now == board.row["now"]
+    assert all(board.mistake is None for board in boards if not board.row["stop_reason"])
 
 
 def rows(above: tuple[int, int], below: tuple[int, int]) -> list[dict[str, object]]:
@@ -106,6 +106,6 @@ def test_rows_and_a_picture(untrained, tmp_path, capsys):
 
 def test_columns_take_turns(untrained):
     columns = [boards_of(name, untrained, 40) for name in ("3x6_z3-7", "5x5_z3-8")]
-    assert [board.column for board in drawn_of(columns)] == ["3x6_z3-7"] * 3 + ["5x5_z3-8"] * 3
+    assert [board.row["column"] for board in drawn_of(columns)] == ["3x6_z3-7"] * 3 + ["5x5_z3-8"] * 3
     assert len(drawn_of(columns[:1])) == MOST
     assert drawn_of([]) == []

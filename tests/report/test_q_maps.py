@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from dore.app.front_door import plan
 from dore.errors import InputError
 from dore.learn.checkpoint import Q_NETWORK
-from dore.world.problem import Batch, Problem
 from scripts import q_maps
-from scripts.program import composed, planners_on, run
+from scripts.program import composed, run
 from scripts.q_maps import BOARDS, Options, Wanted, main, maps_of
 from tests.worlds import make_agent
 
@@ -17,8 +17,7 @@ SMALL = Wanted("3x6", 4, 2, "a small one")
 
 def test_the_choices_are_the_policys_first_move():
     pick, place = maps_of(SMALL, Q_NETWORK)
-    reach, planners = planners_on("3x6", ["learned", "exact"], Q_NETWORK)
-    learned, exact = (planner.plan(Batch.of(Problem(pick.scene, reach)))[0] for planner in planners)
+    learned, exact = (plan(pick.scene, planner, reach="wide_hand", model=Q_NETWORK) for planner in ("learned", "exact"))
     assert (pick.choice, place.choice) == (learned.moves[0].pick, learned.moves[0].place)
     assert len(exact.moves) == SMALL.optimum
     assert set(place.scene.obstacles) == set(pick.scene.obstacles) - {pick.choice}

@@ -14,7 +14,7 @@ from dore.report import results
 from dore.report.sources import paper_table, sources_of
 from dore.report.study import cells_of
 from scripts.program import run
-from scripts.reach_sensitivity import LAYOUTS, Moves, Options, main, measures, paper
+from scripts.reach_sensitivity import LAYOUTS, Options, main, measures, paper
 from tests.report import fakes
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ def row(obstacles: int = 3, clearance: float = 0.142, board: str = "3x6", stage:
     """A row whose optimum and baseline are the paper's, but for what is `off`."""
     made = {"stage": stage, "seed": 0, "board": board, "clearance_m": clearance, "half_fan_deg": 15.0, "n_sectors": 30}
     made |= {"corridor_m": None, "avoid_corridors": False, "obstacles": obstacles}
-    made |= measures([Moves(1, 2)] * 4) | paper(board, obstacles)
+    made |= measures([1] * 4, [2] * 4) | paper(board, obstacles)
     dqn, baseline = made["paper_dqn_mean"], made["paper_baseline_mean"]
     return made | {
         "optimum_mean": dqn + off.get("optimum", 0),
@@ -42,7 +42,7 @@ def measured(tmp_path: Path, rows: list[Row]) -> pd.DataFrame:
 
 
 def test_a_row_counts_the_optimum_over_all_and_the_baseline_over_what_both_solve() -> None:
-    one = measures([Moves(1, 2), Moves(3, 5), Moves(4, None), Moves(None, None), Moves(2, None, tried=False)])
+    one = measures([1, 3, 4, None, 2], [2, 5, None, None])
     assert (one["optimum_n"], one["optimum_solved"], one["optimum_mean"]) == (5, 0.8, 2.5)
     assert [one[name] for name in ("baseline_n", "baseline_solved", "baseline_mean")] == [4, 0.5, 3.5]
     assert one["both_optimum_mean"] == 2.0

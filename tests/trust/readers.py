@@ -26,6 +26,7 @@ from omegaconf import OmegaConf
 from tqdm import tqdm
 
 from dore.app import run_folder
+from dore.app.learning_keys import LEARNING
 from dore.errors import InputError
 from dore.files import conf_dir, read_done
 from dore.learn.checkpoint import SHIPPED, load_checkpoint, load_model, save_checkpoint, save_model
@@ -84,7 +85,7 @@ def good_files(folder: Path) -> dict[str, tuple[Path, Read]]:
         "plan": (_copy(shared / "plans" / "fig7.json", folder), read_plan),
         "model": (model, load_model),
         "checkpoint": (checkpoint, load_checkpoint),
-        "config": (run / "config.yaml", lambda path: run_folder.read_config(path.parent, run_folder.LEARNING)),
+        "config": (run / "config.yaml", lambda path: run_folder.read_config(path.parent, LEARNING)),
         "done": (run / "done.json", lambda path: read_done(path.parent)),
         "rows": (rows, read_rows),
     }

@@ -126,5 +126,5 @@ def test_numbers_outside_their_domain_are_refused(changed, line):
 
 
 def test_instances_that_do_not_exist_are_refused():
-    with pytest.raises(InputError, match=r"none has as many moves as instances\.keep wants"):
+    with pytest.raises(InputError, match=r"has a length that instances\.keep keeps"):
         splits(min_density=0.1, max_density=0.1, keep=[0.0] * 6 + [1.0]).train(HARD, 0).draw(1)

@@ -128,7 +128,7 @@ class Sequential(Agent):
         board, target, following = batch[keys.BOARD], batch[keys.TARGET], batch["next", keys.BOARD]
         pick, place = batch[keys.PICK], batch[keys.PLACE]
         if self.symmetry:
-            (board, following), (target, pick, place) = mirrored_by_chance(
+            (board, following), (target, pick, place), _ = mirrored_by_chance(
                 self.reach, [board, following], [target, pick, place]
             )
         lifted = lift(board, pick)

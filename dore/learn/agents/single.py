@@ -114,7 +114,7 @@ class Single(Agent):
         """Half of the rows mirrored; a mirrored obstacle has another slot."""
         cells, there = slots(board, self.n_slots, self.reach.n_cells)
         pick, held = (of_slot.gather(1, slot[:, None]).squeeze(1) for of_slot in (cells, there))
-        (board, following), (target, pick, place) = mirrored_by_chance(
+        (board, following), (target, pick, place), _ = mirrored_by_chance(
             self.reach, [board, following], [target, pick, place]
         )
         mirrored_slot = slot_of(board, pick, self.reach.n_cells).clamp_max(self.n_slots - 1)

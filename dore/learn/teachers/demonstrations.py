@@ -20,12 +20,12 @@ from dore.learn.replay import compact
 from dore.learn.teachers.exact import LABELS, ExactTeacher
 
 OPTIMAL = "optimal"
-"""Bool[B, G]: choices after which the best play wastes nothing more; none where nothing is known."""
+"""Bool[B, G]: the optimal choices; none where no choice has a label."""
 
 
 class Demonstrations(ExactTeacher):
     """Adds to the Q-learning of each head a margin: `weight` x (max over choices of Q + `margin` where the choice is
-    not optimal, less the largest Q of an optimal choice). All steps are learned from, with a label or without.
+    not optimal, less the largest Q of an optimal choice). It learns from all steps, labelled or not.
 
     Args:
         margin, weight: see above.
@@ -38,7 +38,7 @@ class Demonstrations(ExactTeacher):
         self.weight = number("teacher.weight", weight, above=0.0, at_most=1e3)
 
     def kept(self, step: TensorDictBase, agent: Agent) -> TensorDict:
-        """TensorDict[N]: all steps, with the labels that there are."""
+        """TensorDict[N]: all steps, with their labels."""
         return compact(step, (*agent.stored, LABELS), self.reach.n_cells)
 
     def check(self, agent: Sequential) -> None:
@@ -68,7 +68,7 @@ class Demonstrations(ExactTeacher):
         return losses
 
     def _margin(self, values: Tensor, labels: TensorDictBase) -> Tensor:
-        """The mean over rows of how far an optimal choice is from leading all others by the margin."""
+        """The mean over rows of how much the best optimal choice lacks to lead all others by the margin."""
         optimal = labels[OPTIMAL]
         rival = masked(values + self.margin * ~optimal, labels["mask"], "legal").amax(-1)
         best = masked(values, optimal, "legal").amax(-1)

@@ -1,4 +1,4 @@
-"""A teacher that knows the optimal moves: exact labels of the boards that the policy comes to.
+"""A teacher that knows the optimal moves: exact labels for the boards that the policy visits.
 
 B denotes the batch, G the cells, P the bytes of a board's labels.
 """
@@ -34,16 +34,16 @@ LABELLED = ("teacher", "labelled")
 class ExactTeacher:
     """Labels boards by exact search, as the policy plays: each move by how much longer it makes the shortest plan.
 
-    The boards are those of the learner's own episodes (DAgger, Ross and others, 2011): it acts by itself but for a
-    share of moves that the teacher makes, and for those that are explored. A board of the test split gets no label, nor
-    does one that the search gives up.
+    The boards are those of the learner's own episodes (DAgger, Ross and others, 2011): its policy acts, except for the
+    share of moves that the teacher makes and for random exploration. A board of the test split gets no label, nor does
+    one on which the search gives up.
 
     Args:
         reach: of the boards.
         max_nodes, max_moves: see `Labeller`.
-        enough: boards expanded for the labels of one step of all environments, after which the rest of them go
-            without: it keeps a world whose boards are hard from taking all the time.
-        optimal: the share of moves that are the teacher's.
+        enough: how many boards may be expanded to label one step of all environments; the step's other boards get no
+            label. It keeps a world with hard boards from taking all the time.
+        optimal: the share of moves that the teacher makes.
 
     Raises:
         InputError: a number outside its domain.
@@ -63,7 +63,7 @@ class ExactTeacher:
 
     @abstractmethod
     def decode(self, batch: TensorDictBase, agent: Sequential) -> TensorDictBase:
-        """Stored steps, with all that the loss needs."""
+        """Stored steps, with everything that the loss needs."""
 
     @abstractmethod
     def loss(self, decoded: TensorDictBase, agent: Sequential) -> TensorDict:
@@ -87,7 +87,7 @@ class ExactTeacher:
         return step
 
     def kept(self, step: TensorDictBase, agent: Agent) -> TensorDict:
-        """TensorDict[M]: of the steps that the environments have made, those to be stored, as the replay keeps them."""
+        """TensorDict[M]: those steps that are stored, in the replay's format."""
         return compact(step[step[LABELLED]], (*agent.stored, LABELS), self.reach.n_cells)
 
     def _label(self, board: Tensor, target: Tensor) -> Tensor:
@@ -103,7 +103,7 @@ class ExactTeacher:
 
 
 class Lessons:
-    """What a learner asks of an agent, by a teacher: to decode what is stored, and the loss.
+    """Decodes stored steps and computes the loss with a teacher's labels, in place of the agent's own methods.
 
     Raises:
         InputError: the agent is not the separated one, whose heads the labels are for.
@@ -117,7 +117,7 @@ class Lessons:
         self.bootstraps = teacher.bootstraps
 
     def decode(self, batch: TensorDictBase) -> TensorDictBase:
-        """Stored steps, with all that the loss needs."""
+        """Stored steps, with everything that the loss needs."""
         return self.teacher.decode(batch, self.agent)
 
     def loss(self, decoded: TensorDictBase) -> TensorDict:

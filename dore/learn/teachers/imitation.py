@@ -14,15 +14,15 @@ from torch import Tensor
 from dore.errors import number
 from dore.learn import keys
 from dore.learn.agents.sequential import Sequential
-from dore.learn.features import mirrored_board, mirrored_cell
+from dore.learn.features import mirrored_by_chance
 from dore.learn.q_loss import masked
 from dore.learn.teachers.exact import ExactTeacher
 from dore.world.rules import lift
 
 WASTED, LABELLED_CHOICE = "wasted", "labelled"
-"""Float[B, G]: the moves that a choice wastes, the best play after it; Bool[B, G]: choices that have a label."""
+"""Float[B, G]: the moves that a choice wastes, with optimal play after it; Bool[B, G]: choices that have a label."""
 ANY_PICK = 0.25
-"""Of the picks after which places are learned, the share that is drawn from all picks alike."""
+"""The share of picks that are drawn uniformly from all labelled ones; the places after them are then learned."""
 LARGEST = 9
 """More than any move wastes."""
 
@@ -31,8 +31,7 @@ class Imitation(ExactTeacher):
     """Teaches both heads to choose optimally: their outputs become the logarithms of a policy's probabilities.
 
     The loss of a head is -log(the probability of an optimal choice) + `waste` x (the moves that its choice is expected
-    to waste). Not in the paper, whose networks
-    learn from rewards alone.
+    to waste). Not in the paper, whose networks learn from rewards alone.
 
     Args:
         waste: see above.
@@ -49,7 +48,7 @@ class Imitation(ExactTeacher):
         """Stored boards, as they are or mirrored, with labels for the pick and for the place after a pick."""
         board, target, wasted = batch[keys.BOARD], batch[keys.TARGET], self._labels(batch)
         if agent.symmetry:
-            board, target, wasted = self._mirrored_by_chance(board, target, wasted)
+            (board,), (target,), (wasted,) = mirrored_by_chance(self.reach, [board], [target], wasted)
         labelled = wasted >= 0
         after_pick = torch.where(labelled, wasted, LARGEST).amin(-1)
         pick = self._pick(after_pick, labelled.any(-1))
@@ -71,17 +70,8 @@ class Imitation(ExactTeacher):
             batch_size=batch.batch_size,
         )
 
-    def _mirrored_by_chance(self, board: Tensor, target: Tensor, wasted: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """About half of the rows mirrored: the same problems again."""
-        rows, mirror = torch.rand(len(board), device=board.device) < 0.5, self.reach.mirror
-        return (
-            torch.where(rows[:, None], mirrored_board(board, self.reach), board),
-            torch.where(rows, mirrored_cell(target, self.reach), target),
-            torch.where(rows[:, None, None], wasted[:, mirror][:, :, mirror], wasted),
-        )
-
     def _pick(self, after_pick: Tensor, labelled: Tensor) -> Tensor:
-        """Int64[B]: a pick after which places are learned: mostly an optimal one, as the policy soon makes."""
+        """Int64[B]: the picks whose places are learned: mostly optimal ones, as the policy soon makes."""
         optimal = labelled & (after_pick == after_pick.amin(-1, keepdim=True))
         share = [choices / choices.sum(-1, keepdim=True) for choices in (optimal, labelled)]
         return torch.multinomial((1 - ANY_PICK) * share[0] + ANY_PICK * share[1], 1).squeeze(-1)

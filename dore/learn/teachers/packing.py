@@ -10,7 +10,7 @@ from torch import Tensor
 
 _SHIFTS = (0, 2, 4, 6)
 NO_LABEL = -1
-"""In place of the moves that a move wastes: it is not legal, or nothing is known of it."""
+"""In place of the moves that a move wastes: it is not legal, or has no label."""
 
 
 def n_bytes(n_cells: int) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -22,10 +21,10 @@ from dore.errors import InputError
 from dore.files import conf_dir
 from dore.sim.camera_config import CameraConfig
 from dore.sim.config import ArmConfig, Body, ViewConfig, preset
-from dore.sim.frames import Array
 from dore.sim.kinematics import ArmKinematics, Unreachable
 from dore.sim.scene.agent import ArmAgent, agent_of
 from dore.sim.scene.scene_builder import build_objects, build_surroundings, remove_objects, waiting_xy
+from dore.sim.scene.start import check_apart, for_each, start_cells
 from dore.sim.urdf import arm_files
 from dore.world.layout import Layout
 
@@ -152,35 +151,22 @@ class DoreTabletopEnv(BaseEnv):
             joints = self.agent.open_handed(self._ready_joints)
             self.agent.reset(joints[None].repeat(len(env_idx), axis=0))
             self.agent.robot.set_pose(sapien.Pose(p=[0, 0, -self.arm.base_drop_m]))
-            cells = np.stack([self._start_cells(int(i), options) for i in env_idx])
+            cells = np.stack([self._start_cells(int(env), options.get("cells")) for env in env_idx])
             count = cells.shape[1]
-            where = self.layout.centres.numpy()[cells] + _for_each("offsets_m", count, 2, options)
-            self._check_apart(where)
+            where = self.layout.centres.numpy()[cells] + for_each("offsets_m", count, 2, options)
+            check_apart(where, self.bodies)
             half_turn = np.zeros(len(self.bodies))
-            half_turn[:count] = _for_each("yaws_rad", count, 1, options)[:, 0] / 2
+            half_turn[:count] = for_each("yaws_rad", count, 1, options)[:, 0] / 2
             for index, (actor, body) in enumerate(zip(self.objects, self.bodies, strict=True)):
                 xy = where[:, index] if index < count else np.tile(waiting_xy(index), (len(env_idx), 1))
                 at = np.column_stack([xy, np.full(len(env_idx), body.height_m / 2 + 1e-4)])
                 turned = [math.cos(half_turn[index]), 0.0, 0.0, math.sin(half_turn[index])]
                 actor.set_pose(Pose.create_from_pq(torch.from_numpy(at).float(), torch.tensor(turned)))
 
-    def _start_cells(self, env: int, options: dict[str, Any]) -> np.ndarray:
-        cells = options.get("cells")
+    def _start_cells(self, env: int, cells: Sequence[int] | None) -> np.ndarray:
         if cells is None:
             cells = self._batched_episode_rng[env].permutation(self.layout.n_cells)[: len(self.bodies)]
-        wrong = not 1 <= len(cells) <= len(self.bodies) or len(set(map(int, cells))) != len(cells)
-        if wrong or not all(0 <= int(cell) < self.layout.n_cells for cell in cells):
-            raise InputError(
-                f"cells: got {list(map(int, cells))}, want up to {len(self.bodies)} different cells of the layout"
-            )
-        return np.asarray(cells, dtype=np.int64)
-
-    def _check_apart(self, where: Array) -> None:
-        """Refuse objects that overlap, Float64[B, K, 2]: the simulator would throw them apart."""
-        for one, other in itertools.combinations(range(where.shape[1]), 2):
-            least = self.bodies[one].half_width_m + self.bodies[other].half_width_m
-            if (np.linalg.norm(where[:, one] - where[:, other], axis=-1) < least).any():
-                raise InputError(f"offsets_m: objects {one} and {other} overlap, want them apart")
+        return start_cells(cells, len(self.bodies), self.layout.n_cells)
 
     def poses(self) -> Tensor:
         """Float32[B, N, 7]: centre of each object, metres, and its quaternion, w first; world frame."""
@@ -243,18 +229,3 @@ def _arm_called(name: str) -> ArmConfig:
         raise InputError(f"robot_uids: got {name!r}, want one of {', '.join(known)}")
     arm: ArmConfig = preset(f"arm/{name}")
     return arm
-
-
-def _for_each(name: str, count: int, width: int, options: dict[str, Any]) -> Array:
-    """Float64[K, width]: an option for each of K objects; zeros if not given."""
-    given, shape = options.get(name), (count, width)
-    if given is None:
-        return np.zeros(shape)
-    try:
-        values = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.shape != (shape if width > 1 else shape[:1]) or not np.isfinite(values).all():
-        each = "a number" if width == 1 else f"{width} numbers"
-        raise InputError(f"{name}: got {given!r}, want {each} for each of {count} objects")
-    return values.reshape(shape)

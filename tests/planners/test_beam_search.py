@@ -1,0 +1,43 @@
+"""The beam as a planner of its own: without exact search, within its budget."""
+
+from __future__ import annotations
+
+from dore.planners.beam_search import BeamSearch
+from dore.world.generator import Difficulty, FreshInstances
+from dore.world.plan import Status
+from tests.drawings import wide_hand
+
+KEYS = {
+    "model": None,
+    "values": "costs",
+    "temperature": 1.0,
+    "width": 8,
+    "picks": 3,
+    "places": 4,
+    "max_nodes": 2000,
+    "max_seconds": 60.0,
+    "seed": 0,
+}
+
+
+def plans_of(**changes):
+    reach = wide_hand(6, 6)
+    batch = FreshInstances(reach, Difficulty(10, 14), "validation", 1).draw(30)
+    return BeamSearch(reach, **{**KEYS, **changes}).plan(batch)  # type: ignore[arg-type]
+
+
+def test_it_solves_without_a_proof():
+    solved = [plan for plan in plans_of() if plan.status is Status.SOLVED]
+    assert len(solved) > 20
+    assert {plan.optimal_moves for plan in solved} <= {None, 0}
+
+
+def test_a_wider_beam_solves_more():
+    solved = [sum(plan.status is Status.SOLVED for plan in plans_of(values="random", width=w)) for w in (1, 16)]
+    assert solved[0] < solved[1]
+
+
+def test_what_is_given_up_says_why():
+    given_up = [plan for plan in plans_of(values="random", max_nodes=10) if plan.status is Status.GAVE_UP]
+    assert {plan.reason for plan in given_up} >= {"node budget"}
+    assert all(plan.expansions <= 10 + KEYS["width"] for plan in given_up)
