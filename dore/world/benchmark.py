@@ -1,6 +1,6 @@
 """The benchmark: boards of known optimum, in strata by optimum, density, layout and reach, kept in one file.
 
-G denotes the cells of a layout, N the instances of one of its worlds.
+G denotes the cells of a layout, N the instances of one of its settings.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SHIPPED = Path(__file__).with_name("benchmark.npz")
 """The benchmark in the package."""
 
 
-class World(NamedTuple):
+class Setting(NamedTuple):
     """What the instances of several strata have in common. density: obstacles, per cent of the cells."""
 
     layout: str
@@ -104,9 +104,9 @@ class Benchmark:
     validation = test = train
 
     @property
-    def worlds(self) -> list[World]:
+    def settings(self) -> list[Setting]:
         """All combinations."""
-        return [World(*one) for one in product(self.layouts, self.reaches, self.densities)]
+        return [Setting(*one) for one in product(self.layouts, self.reaches, self.densities)]
 
     def reach_of(self, layout: str, reach: str, device: torch.device | str = "cpu") -> Reach:
         """The accessibility check of a layout under a reach, by their names."""
@@ -115,18 +115,18 @@ class Benchmark:
 
     @cached_property
     def rows(self) -> dict[str, np.ndarray]:
-        """Of each world UInt8[N, 2 + ceil(G / 8)]: the target, the optimum and the board, a bit a cell.
+        """Of each setting UInt8[N, 2 + ceil(G / 8)]: the target, the optimum and the board, a bit a cell.
 
         Raises:
-            InputError: no such file, a damaged one, another digest, or a world that it lacks.
+            InputError: no such file, a damaged one, another digest, or a setting that it lacks.
         """
         file = SHIPPED if self.path is None else path_of("instances.path", self.path)
         found = read(file)
         if self.sha256 is not None and (got := digest(found)) != self.sha256:
             raise InputError(f"instances.sha256: got {got} of {file}, want {self.sha256}")
-        if lacking := [str(world) for world in self.worlds if str(world) not in found]:
-            raise InputError(f"instances.path: {file} has no boards of {lacking[0]}, want those of all worlds")
-        return {str(world): found[str(world)] for world in self.worlds}
+        if lacking := [str(setting) for setting in self.settings if str(setting) not in found]:
+            raise InputError(f"instances.path: {file} has no boards of {lacking[0]}, want those of all settings")
+        return {str(setting): found[str(setting)] for setting in self.settings}
 
     def sets(self, limit: int | None, device: torch.device | str) -> list[BenchmarkSet]:
         """The instances of each layout and reach.
@@ -143,7 +143,7 @@ class Benchmark:
         on = self.reach_of(layout, reach, device)
         kept, about = [], []
         for density in self.densities:
-            rows = self.rows[str(World(layout, reach, density))]
+            rows = self.rows[str(Setting(layout, reach, density))]
             stratum = stratum_of(rows[:, 1])
             for number, name in enumerate(STRATA):
                 part = rows[stratum == number][:most]
@@ -172,16 +172,16 @@ def unpacked(rows: np.ndarray, reach: Reach) -> tuple[torch.Tensor, torch.Tensor
     return pack(torch.from_numpy(occupied)), torch.from_numpy(rows[:, 0].astype(np.int64))
 
 
-def digest(worlds: Mapping[str, np.ndarray]) -> str:
-    """SHA-256 of the names, the shapes and the bytes of all worlds, in the order of their names."""
+def digest(settings: Mapping[str, np.ndarray]) -> str:
+    """SHA-256 of the names, the shapes and the bytes of all settings, in the order of their names."""
     found = hashlib.sha256()
-    for name in sorted(worlds):
-        found.update(f"{name} {worlds[name].shape} ".encode() + np.ascontiguousarray(worlds[name]).tobytes())
+    for name in sorted(settings):
+        found.update(f"{name} {settings[name].shape} ".encode() + np.ascontiguousarray(settings[name]).tobytes())
     return found.hexdigest()
 
 
 def read(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """The worlds of a file.
+    """The settings of a file.
 
     Raises:
         InputError: no such file, or a damaged one.

@@ -4,7 +4,7 @@ Nothing depends on the machine or on time: random numbers come from a stream tha
 integers), and the search's only budget is nodes. Another search may decide other boards within the same budget; the
 file in the package is what counts.
 
-In each world, up to `max_candidates` random boards are looked at. Those of the test split whose target is blocked, and
+Per setting, up to `max_candidates` random boards are looked at. Those of the test split whose target is blocked, and
 that leave a first move, are searched with `quick_nodes`. Where that leaves open whether an unfilled stratum below 7
 moves is met, or where 7+ is not full, `max_nodes` are spent. What is still open then is left out, and counted. No
 stratum below 7 loses its harder boards by that, as far as the lower bounds of what is left out are 7 and more.
@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from dore.world.benchmark import STRATA, UNSOLVABLE, Benchmark, World, stratum_of
+from dore.world.benchmark import STRATA, UNSOLVABLE, Benchmark, Setting, stratum_of
 from dore.world.board import pack, unpack
 from dore.world.generator import SPLITS, split_share
 from dore.world.kernels import slices
@@ -48,7 +48,7 @@ class Searched(NamedTuple):
 
 @dataclass
 class Made:
-    """A world's rows as they are collected, by stratum, and what was left out.
+    """A setting's rows as they are collected, by stratum, and what was left out.
 
     candidates: boards drawn. left_out: boards that stayed open; left_out_short: those of them that may have a plan of
     fewer than 7 moves.
@@ -65,21 +65,21 @@ class Made:
         return np.frombuffer(b"".join(every), np.uint8).reshape(len(every), -1)
 
 
-def make(benchmark: Benchmark, report: Callable[[World, Made], None]) -> dict[str, np.ndarray]:
-    """All worlds of a benchmark, as its file holds them; `report` is called for each."""
+def make(benchmark: Benchmark, report: Callable[[Setting, Made], None]) -> dict[str, np.ndarray]:
+    """All settings of a benchmark, as its file holds them; `report` is called for each."""
     found = {}
-    for world in benchmark.worlds:
-        made = make_world(benchmark, world)
-        report(world, made)
-        found[str(world)] = made.rows()
+    for setting in benchmark.settings:
+        made = make_setting(benchmark, setting)
+        report(setting, made)
+        found[str(setting)] = made.rows()
     return found
 
 
-def make_world(benchmark: Benchmark, world: World) -> Made:
-    """The instances of one world; they do not depend on which other worlds there are."""
-    reach = benchmark.reach_of(world.layout, world.reach)
-    n_obstacles = (world.density * reach.n_cells + 50) // 100
-    stream = np.random.PCG64(np.random.SeedSequence([benchmark.seed, *str(world).encode()]))
+def make_setting(benchmark: Benchmark, setting: Setting) -> Made:
+    """The instances of one setting; they do not depend on which other settings there are."""
+    reach = benchmark.reach_of(setting.layout, setting.reach)
+    n_obstacles = (setting.density * reach.n_cells + 50) // 100
+    stream = np.random.PCG64(np.random.SeedSequence([benchmark.seed, *str(setting).encode()]))
     made, seen = Made(), set[bytes]()
     while made.candidates < benchmark.max_candidates and min(map(len, made.strata)) < benchmark.per_stratum:
         batch = _fresh(reach, draw(reach, n_obstacles, stream), seen)

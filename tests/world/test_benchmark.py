@@ -12,7 +12,7 @@ import torch
 from dore.configure import make
 from dore.errors import InputError
 from dore.world import strata
-from dore.world.benchmark import STRATA, UNSOLVABLE, Benchmark, World, digest, read, stratum_of, unpacked
+from dore.world.benchmark import STRATA, UNSOLVABLE, Benchmark, Setting, digest, read, stratum_of, unpacked
 from dore.world.generator import SPLITS, split_share
 from dore.world.problem import Batch
 from dore.world.rules import has_move, retrievable
@@ -32,15 +32,15 @@ def test_the_file_in_the_package_is_the_one_that_the_config_names() -> None:
         _ = part(sha256="00").rows
 
 
-@pytest.mark.parametrize("world", SHIPPED.worlds, ids=str)
-def test_boards_are_different_instances_of_the_test_split(world: World) -> None:
-    rows, reach = SHIPPED.rows[str(world)], SHIPPED.reach_of(world.layout, world.reach)
+@pytest.mark.parametrize("setting", SHIPPED.settings, ids=str)
+def test_boards_are_different_instances_of_the_test_split(setting: Setting) -> None:
+    rows, reach = SHIPPED.rows[str(setting)], SHIPPED.reach_of(setting.layout, setting.reach)
     board, target = unpacked(rows, reach)
     assert (split_share(board, reach) >= SPLITS["test"][0]).all()
     assert not retrievable(reach, board, target).any()
     assert has_move(reach, board, target).all()
     n_obstacles = np.unpackbits(rows[:, 2:], axis=1).sum(1)
-    assert set(n_obstacles) == {round(world.density * reach.n_cells / 100 + 1e-9)}
+    assert set(n_obstacles) == {round(setting.density * reach.n_cells / 100 + 1e-9)}
     seen: set[bytes] = set()
     assert len(strata._fresh(reach, Batch(board, target), seen).target) == len(rows), "two are the same, or mirrored"
     assert np.bincount(stratum_of(rows[:, 1])).max() <= SHIPPED.per_stratum
@@ -55,19 +55,19 @@ def test_optima_are_those_that_exact_search_proves(layout: str) -> None:
 
 
 def test_a_world_is_made_again_to_the_last_byte() -> None:
-    world = World("3x6", "paper_fit", 50)
-    made = strata.make_world(SHIPPED, world)
-    assert np.array_equal(made.rows(), SHIPPED.rows[str(world)])
+    setting = Setting("3x6", "paper_fit", 50)
+    made = strata.make_setting(SHIPPED, setting)
+    assert np.array_equal(made.rows(), SHIPPED.rows[str(setting)])
     assert [len(stratum) for stratum in made.strata] == [300] * 7
     assert made.left_out_short == 0
 
 
 def test_worlds_do_not_depend_on_each_other_and_differ_by_the_seed() -> None:
     small = part(per_stratum=2, max_candidates=4096)
-    world = World("6x6", "wide_hand", 30)
-    rows = strata.make_world(replace(small, layouts=["6x6"]), world).rows()
-    assert np.array_equal(rows, strata.make_world(small, world).rows())
-    assert not np.array_equal(rows, strata.make_world(replace(small, seed=1), world).rows())
+    setting = Setting("6x6", "wide_hand", 30)
+    rows = strata.make_setting(replace(small, layouts=["6x6"]), setting).rows()
+    assert np.array_equal(rows, strata.make_setting(small, setting).rows())
+    assert not np.array_equal(rows, strata.make_setting(replace(small, seed=1), setting).rows())
 
 
 def test_strata() -> None:
