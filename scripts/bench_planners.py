@@ -182,12 +182,11 @@ def searched(planner: Exact, parts: list[Batch]) -> Rows:
         found = planner.find(part)
         ms, n = 1000 * (process_time() - began), len(part.target)
         mb = int(Path("/proc/self/statm").read_text().split()[1]) * getpagesize() / 2**20
-        for outcome, moves, ns in zip(
-            found.outcome.tolist(), found.n_moves.tolist(), found.cpu_ns.tolist(), strict=True
-        ):
+        ends = zip(found.outcome.tolist(), found.n_moves.tolist(), found.cpu_ns.tolist(), strict=True)
+        for outcome, moves, ns in ends:
             status = str(STATUS.get(outcome, Status.GAVE_UP))
-            one = {"status": status, "moves": moves, "kernel_ms": ns / 1e6, "search_ms": ms / n, "memory_mb": mb}
-            rows.append(one)
+            times = {"kernel_ms": ns / 1e6, "search_ms": ms / n}
+            rows.append({"status": status, "moves": moves, "memory_mb": mb, **times})
     return rows
 
 
@@ -211,12 +210,8 @@ def cold(options: Options) -> Rows:
     """dore-plan of both commits in turn, three times after one that does not count: CPU seconds of the process."""
     rows = []
     with earlier(options.commit) as there:
-        words = [
-            f"scene={conf_dir()}/scenes/fig7.json",
-            "planner=exact",
-            "reach=wide_hand",
-            f"out={there['cwd']}/p.json",
-        ]
+        scene, out = f"scene={conf_dir()}/scenes/fig7.json", f"out={there['cwd']}/p.json"
+        words = [scene, out, "planner=exact", "reach=wide_hand"]
         for _, (name, package, how) in product(range(4), (("earlier", "", there), ("now", "app.", {}))):
             before = os.times()
             subprocess.run([sys.executable, "-c", PLAN.format(package), *words], **how, check=True, capture_output=True)

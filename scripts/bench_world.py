@@ -7,7 +7,6 @@ machine's drift hits all alike; `dore-report study=world` makes the page.
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -32,7 +31,6 @@ from dore.world.rules import legal_moves, legal_places, transition
 from scripts.program import run
 
 ROUNDS = 15
-REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "vfh_reference.json"
 PRESETS = {"published": (0.106, 30.0, 60), "wide_hand": (0.142, 15.0, 30)}
 BOARDS, ENVS = 8192, 4096
 Rows = list[dict[str, Any]]
@@ -47,24 +45,9 @@ class Options:
 
 def main(options: Options) -> None:
     """Run the benchmarks and write their rows."""
-    load = f"{os.getloadavg()[0]:.2f}"
-    agreed, decisions = agreement()
-    about = {"load_before": load, "rounds": ROUNDS, "threads": 1, "agreed": agreed, "decisions": decisions}
+    about = {"load_before": f"{os.getloadavg()[0]:.2f}", "rounds": ROUNDS, "threads": 1}
     write_measurements(options.out / "reach", reach_rows(), **about)
     write_measurements(options.out / "env", env_rows(), **about)
-
-
-def agreement() -> tuple[int, int]:
-    """With how many decisions of the independent implementation the check agrees, and of how many."""
-    cases = json.loads(REFERENCE.read_text(encoding="utf-8"))["cases"]
-    agreed = 0
-    for case in cases:
-        layout = Layout.grid(case["rows"], case["cols"], case["cell_m"], case["front_m"])
-        reach = Reach(layout, case["r_m"], case["eta_deg"], 2 * case["eta_deg"])
-        occupied = torch.zeros(1, layout.n_cells, dtype=torch.bool)
-        occupied[0, case["occupied"]] = True
-        agreed += bool(reach.accessible(occupied)[0, case["cell"]]) == case["accessible"]
-    return agreed, len(cases)
 
 
 def reach_rows() -> Rows:
@@ -110,12 +93,12 @@ def env_rows() -> Rows:
     reach = Reach(Layout.grid(8, 8, 0.12), *PRESETS["wide_hand"])
     source = FreshInstances(reach, Difficulty(3, 13), "train", seed=0)
     env = RearrangeEnv(reach, source, num_envs=ENVS, max_moves=16, rewards=Rewards(10.0, 0.0, -1.0))
-    generator = torch.Generator().manual_seed(0)
+    draw = partial(torch.multinomial, num_samples=1, generator=torch.Generator().manual_seed(0))
     observed, rows = env.reset(), []
     for round_ in range(-ROUNDS, ROUNDS):
         state = reach, observed[keys.BOARD], observed[keys.TARGET], observed[keys.VISITED]
-        pick = drawn(observed[keys.LEGAL_PICK], generator)
-        place = drawn(legal_places(*state, pick), generator)
+        pick = draw(observed[keys.LEGAL_PICK].float()).squeeze(-1)
+        place = draw(legal_places(*state, pick).float()).squeeze(-1)
         acted = observed.set(keys.PICK, pick).set(keys.PLACE, place)
         times = [time.perf_counter()]
         moved = transition(*state, pick, place)
@@ -129,11 +112,6 @@ def env_rows() -> Rows:
             for name, first, last in (("bare", 0, 1), ("step", 1, 2), ("step and reset", 1, 3)):
                 rows.append({"round": round_, "variant": name, "boards": ENVS, "seconds": times[last] - times[first]})
     return rows
-
-
-def drawn(legal: Tensor, generator: torch.Generator) -> Tensor:
-    """Int64[B]: a random legal cell of each row of Bool[B, G]."""
-    return legal.float().multinomial(1, generator=generator).squeeze(-1)
 
 
 if __name__ == "__main__":
