@@ -13,6 +13,7 @@ import hydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import InterpolationKeyError, OmegaConfBaseException
+from yaml import YAMLError
 
 from dore.app import first_checks, jobs, own_parts, renamed, sweep, sweep_job, usage
 from dore.errors import ExitCode, InputError
@@ -104,6 +105,8 @@ def _guarded(name: str, work: Callable[[], int]) -> int:
         message = _no_source(str(error))
     except (HydraException, OmegaConfBaseException) as error:
         message = _config_message(name, str(error))
+    except YAMLError as error:  # Of an option's file; it says where.
+        message = str(error)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
