@@ -12,9 +12,9 @@ from dore.world.reach import Reach
 class Exact(Compiled):
     """A* (Hart, Nilsson and Raphael, 1968) over boards, with a proof either way.
 
-    Unit costs; the bound is that of the delete relaxation, places counted (`dore.world.kernels.bound`), at least the
-    fewest obstacles on any approach corridor of the target. Boards are expanded in the order of f = moves so far +
-    bound, of equal ones those nearest the goal first. Three things keep their number low, and none loses the optimum:
+    Unit costs; the bound is that of the delete relaxation (`dore.world.kernels.bound`), at least the fewest obstacles
+    on any approach corridor of the target. Boards are expanded in the order of f = moves so far + bound, of equal ones
+    those nearest the goal first. Three things keep their number low, and none loses the optimum:
 
     - Partial expansion (Yoshizumi and others, 2000; Felner and others, 2012). A board is expanded with a budget of
       moves, m = f - moves so far: only moves after which some corridor of the target, open within m, is blocked by at

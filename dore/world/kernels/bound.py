@@ -5,10 +5,6 @@ closes a corridor: whatever a plan of m moves opens, its obstacles open by vanis
 So the fewest vanishings that make the target accessible, h+, are an admissible bound. It is consistent too, since a
 move and the vanishings after it are vanishings that are possible before it. Each corridor of the target has its own
 bound; h+ is the least of them.
-
-Places count too. In the end the n obstacles that stood on the target's corridor stand elsewhere, and each obstacle that
-was moved has a cell off that corridor: one that was empty at first, or one that another has left. So n cells off the
-corridor that are empty now must be accessible at some time, and so once all that is moved has vanished.
 """
 
 from __future__ import annotations
@@ -19,7 +15,6 @@ import numpy as np
 
 from dore.world.kernels.bits import (
     Board,
-    bit,
     both,
     count,
     first,
@@ -34,7 +29,7 @@ from dore.world.kernels.bits import (
     write,
 )
 from dore.world.kernels.compiling import kernel
-from dore.world.kernels.rules import accessible, peeled
+from dore.world.kernels.rules import peeled
 from dore.world.kernels.tables import Table
 
 NEVER = 1 << 20
@@ -121,37 +116,8 @@ def keep(ways: Ways, way: int, board: Board, wanted: Board, spare: int) -> None:
 
 
 @kernel
-def has_room(table: Table, board: Board, target: Board, room: Board, needed: int) -> bool:
-    """Whether `needed` cells of `room`, which are empty, are accessible."""
-    standing = union(board, target)
-    while needed > 0 and some(room):
-        if accessible(table, standing, first(room)):
-            needed -= 1
-        room = rest(room)
-    return needed <= 0
-
-
-@kernel
-def finds_room(table: Table, board: Board, target: Board, room: Board, needed: int, spare: int) -> bool:
-    """As `has_room`, after `spare` more obstacles have vanished; from two on that is not tried, but taken for so."""
-    if spare > 1 or has_room(table, board, target, room, needed):
-        return True
-    if spare == 1:
-        left = board
-        while some(left):
-            cell = first(left)
-            left = rest(left)
-            after = minus(board, bit(cell, board))
-            if accessible(table, union(board, target), cell) and has_room(table, after, target, room, needed):
-                return True
-    return False
-
-
-@kernel
-def branch(table: Table, target: Board, ways: Ways, way: int, n_ways: int, room: Board, needed: int) -> int:
+def branch(table: Table, target: Board, ways: Ways, way: int, n_ways: int) -> int:
     """Add the ways that clear one corridor of one wanted obstacle first; how many there are then, -1: one is clear.
-
-    room, needed: as in `has_room`.
 
     The next wanted obstacle to go needs one of its own corridors: the obstacles on it are wanted too, and count
     against what is to spare. A corridor with another wanted obstacle or the target on it is no choice: that obstacle
@@ -171,9 +137,7 @@ def branch(table: Table, target: Board, ways: Ways, way: int, n_ways: int, room:
             ways.effort[0] += 1
             after, still, left = settled(table, board, target, union(wanted, blockers), spare - cost)
             if left >= 0 and not some(still):
-                if finds_room(table, after, target, room, needed, left):
-                    return -1
-                continue
+                return -1
             # With nothing to spare there is nothing to try.
             if left <= 0 or is_known(ways, n_ways, after, still):
                 continue
@@ -190,17 +154,16 @@ def may_open(table: Table, board: Board, target: Board, corridor: Board, spare: 
 
     False is a proof that it may not: all choices have been tried, those with most to spare first.
     """
-    room, needed = minus(minus(minus(table.full, board), target), corridor), count(both(board, corridor))
     board, wanted, most = settled(table, board, target, both(board, corridor), spare)
     if most < 0 or not some(wanted):
-        return most >= 0 and finds_room(table, board, target, room, needed, most)
+        return most >= 0
     keep(ways, 0, board, wanted, most)
     n_ways = 1
     for spare_now in range(most, 0, -1):
         way = 0
         while way < n_ways:
             if ways.spare[way] == spare_now:
-                n_ways = branch(table, target, ways, way, n_ways, room, needed)
+                n_ways = branch(table, target, ways, way, n_ways)
                 if n_ways < 0 or ways.effort[0] >= ways.effort[1]:
                     return True
             way += 1
