@@ -29,8 +29,8 @@ def test_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(bench_planners, "OLD", EARLIER)
     monkeypatch.setattr(bench_planners, "PLAN", "pass  # {}")
     parts = {name: small(part) for name, part in bench_planners.PARTS.items()}
-    parts["agreement"] = partial(bench_planners.boards, [bench_planners.dense(3, 6, 50)], *parts["agreement"].args[1:])
     monkeypatch.setattr(bench_planners, "PARTS", parts)
+    monkeypatch.setattr(bench_planners, "ALL", [bench_planners.dense(3, 6, 50)])
     GlobalHydra.instance().clear()
     assert run(bench_planners.main, bench_planners.Options, [f"out={tmp_path}", "limit=2", "commit=HEAD"]) == 0
     text = results.write_page(fakes.study("planners"), "planners", tmp_path, tmp_path / "p").read_text(encoding="utf-8")
