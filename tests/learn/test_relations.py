@@ -164,7 +164,7 @@ def test_a_slot_has_the_value_of_its_obstacles_cell():
 
 
 TRAINED = (
-    *("layout.rows=3", "layout.cols=3", "instances.min_obstacles=1", "instances.max_obstacles=3", *SETTINGS),
+    *("layout.rows=3", "layout.cols=3", "instances.min_obstacles=1", "instances.max_obstacles=5", *SETTINGS),
     *("network=relations", "agent.encoding=planes", "env.num_envs=4", "training.learning_starts=4"),
     *("ipt.every_episodes=10000", "ipt.batch_size=5"),
 )
