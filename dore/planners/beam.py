@@ -14,8 +14,10 @@ import torch
 from torch import Tensor
 
 from dore.errors import whole
+from dore.planners.base import RawPlan
 from dore.planners.priors import Prior
 from dore.world.board import bit
+from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 from dore.world.rules import accessibility, lift, retrievable
@@ -108,6 +110,21 @@ class Beam:
                 search.spent = over and search.moves is None
             self._keep([k for k, row in enumerate(self.row.tolist()) if not self.searches[row].spent])
         return self.searches
+
+    def raw_plans(self) -> list[tuple[RawPlan, float]]:
+        """`run`: a raw plan of each instance and its CPU seconds, in proportion to which the wall time is divided."""
+        began = time.perf_counter()
+        searches = self.run()
+        share = (time.perf_counter() - began) / max(sum(one.seconds for one in searches), 1e-9)
+        return [(self._raw_plan(row, share), one.seconds) for row, one in enumerate(searches)]
+
+    def _raw_plan(self, row: int, share: float) -> RawPlan:
+        one = self.searches[row]
+        if one.moves is not None:
+            return RawPlan(one.moves, Status.SOLVED, share * one.seconds, one.expansions)
+        budget = "node budget" if one.expansions >= self.max_nodes[row] else "time budget"
+        reason = budget if one.spent else "no new board is left in the beam"
+        return RawPlan([], Status.GAVE_UP, share * one.seconds, one.expansions, reason=reason)
 
     def _expand(self) -> None:
         """The next layer."""

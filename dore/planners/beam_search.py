@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
 
 from dore.errors import number, whole
 from dore.planners.base import Planner, RawPlan
-from dore.planners.beam import Beam, Search, Shape
+from dore.planners.beam import Beam, Shape
 from dore.planners.priors import Values, prior_of
-from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
@@ -54,16 +52,7 @@ class BeamSearch(Planner):
         self.prior = prior_of("planners.beam", reach, values, model, temperature, seed)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """Search all instances together; each is given its share of the time."""
-        began, n = time.perf_counter(), len(batch.target)
+        """Search all instances together."""
+        n = len(batch.target)
         beam = Beam(self.reach, self.prior, batch, self.shape, [self.max_nodes] * n, [self.max_seconds] * n)
-        found = beam.run()
-        share = (time.perf_counter() - began) / max(sum(one.seconds for one in found), 1e-9)
-        return [self._raw_plan(one, share) for one in found]
-
-    def _raw_plan(self, one: Search, share: float) -> RawPlan:
-        if one.moves is not None:
-            return RawPlan(one.moves, Status.SOLVED, share * one.seconds, one.expansions)
-        nodes = one.expansions >= self.max_nodes
-        reason = ("node budget" if nodes else "time budget") if one.spent else "no new board is left in the beam"
-        return RawPlan([], Status.GAVE_UP, share * one.seconds, one.expansions, reason=reason)
+        return [plan for plan, _ in beam.raw_plans()]

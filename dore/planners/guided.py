@@ -110,16 +110,12 @@ class Guided(Planner):
 
     def _lead(self, batch: Batch, tries: list[_Try]) -> None:
         """The beam."""
-        began = time.perf_counter()
         left = [self._left(one) or self.limits for one in tries]
         seconds = [BEAM_SHARE * limits.seconds for limits in left]
         beam = Beam(self.reach, self.prior, batch, self.shape, [limits.nodes for limits in left], seconds)
-        found = beam.run()
-        share = (time.perf_counter() - began) / max(sum(one.seconds for one in found), 1e-9)
-        for one, led in zip(tries, found, strict=True):
-            one.cpu_s += led.seconds
-            status = Status.GAVE_UP if led.moves is None else Status.SOLVED
-            one.add(RawPlan(led.moves or [], status, share * led.seconds, led.expansions, reason=one.plan.reason))
+        for one, (plan, cpu_s) in zip(tries, beam.raw_plans(), strict=True):
+            one.cpu_s += cpu_s
+            one.add(plan)
 
     def _left(self, one: _Try) -> Limits | None:
         """What is left of the budget; None: nothing."""
