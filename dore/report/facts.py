@@ -23,7 +23,7 @@ def facts_of(spec: Spec, sources: Mapping[str, Source]) -> dict[str, Any]:
 def _fact(name: str, fact: Spec, source: Source) -> Any:
     """Of the runs: a key's values, one line each, or what each changes; of the rows: how many, or how many of each."""
     if "run" in fact:
-        return _unique(source.runs, fact["run"])
+        return _unique(chosen(f"facts.{name}", source.runs, fact), fact["run"])
     if "lines" in fact:
         return _lines(f"facts.{name}", source.runs, fact)
     if "changes" in fact:

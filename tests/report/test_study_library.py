@@ -13,6 +13,7 @@ import yaml
 from dore.errors import InputError
 from dore.report import cells as cell_files
 from dore.report import measures, page, results, runs
+from dore.report.facts import facts_of
 from dore.report.sources import sources_of
 from dore.report.study import cells_of
 from tests.commands import TINY
@@ -184,6 +185,16 @@ def test_success_is_not_said_while_an_instance_is_undecided(two):
     assert found["z3"] == 75
     assert math.isnan(found["z4"])
     assert cells_from(two, where="column == 'z4'", measure="solved_of_solvable")["mean"].tolist() == [100, 100]
+
+
+def test_a_fact_is_of_the_runs_that_it_names(tmp_path):
+    for name, limit in (("many", 9), ("few", 4)):
+        evaluation(tmp_path / name, rows_of("a", 1, 2), limit=limit)
+    source = {"tested": {"evaluations": "{run}", "same": ["run"]}}
+    limit = {"from": "tested", "run": "config.limit"}
+    facts = {"all": limit, "few": {**limit, "where": "run == 'few'"}}
+    found = facts_of({"facts": facts}, sources_of({"sources": source}, tmp_path, tmp_path))
+    assert (found["all"], found["few"]) == ("4, 9", "4")
 
 
 def test_a_root_mean_square_lacks_nothing_and_a_stated_interval_is_symmetric():

@@ -54,7 +54,7 @@ def test_optima_are_those_that_exact_search_proves(layout: str) -> None:
         assert found.optimum.tolist() == wanted
 
 
-def test_a_world_is_made_again_to_the_last_byte() -> None:
+def test_a_setting_is_made_again_to_the_last_byte() -> None:
     setting = Setting("3x6", "paper_fit", 50)
     made = strata.make_setting(SHIPPED, setting)
     assert np.array_equal(made.rows(), SHIPPED.rows[str(setting)])
@@ -62,7 +62,7 @@ def test_a_world_is_made_again_to_the_last_byte() -> None:
     assert made.left_out_short == 0
 
 
-def test_worlds_do_not_depend_on_each_other_and_differ_by_the_seed() -> None:
+def test_settings_do_not_depend_on_each_other_and_differ_by_the_seed() -> None:
     small = part(per_stratum=2, max_candidates=4096)
     setting = Setting("6x6", "wide_hand", 30)
     rows = strata.make_setting(replace(small, layouts=["6x6"]), setting).rows()
