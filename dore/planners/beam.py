@@ -65,7 +65,8 @@ class Beam:
 
     The probability of a move is a softmax over what can be picked times one over where it can be placed; that of a
     board the product along the moves to it. A search ends at the first layer that holds a solution, of several the
-    most probable; or when a layer is empty; or when its budget is spent. Plans may be as long as it takes.
+    most probable; or when a layer is empty; or when its budget is spent. Plans may be as long as it takes. An
+    instance whose target is accessible at the start has a plan of no moves, and is not searched.
 
     Args:
         start: boards Int64[n, W] and targets Int64[n].
@@ -92,6 +93,10 @@ class Beam:
         self.node = [-1] * n
         self.moved = torch.full((n,), -1, device=device)
         """Int64[N]: where the last obstacle was placed; moving it again at once would waste a move."""
+        accessible = retrievable(reach, *start).tolist()
+        for search, needs_no_move in zip(self.searches, accessible, strict=True):
+            search.moves = [] if needs_no_move else None
+        self._keep([row for row in range(n) if not accessible[row]])
 
     @torch.inference_mode()
     def run(self) -> list[Search]:

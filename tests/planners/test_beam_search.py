@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import torch
+
 from dore.planners.beam_search import BeamSearch
 from dore.world.generator import Difficulty, FreshInstances
 from dore.world.plan import Status
+from dore.world.problem import Batch
 from tests.drawings import wide_hand
 
 KEYS = {
@@ -41,3 +44,12 @@ def test_what_is_given_up_says_why():
     given_up = [plan for plan in plans_of(values="random", max_nodes=10) if plan.status is Status.GAVE_UP]
     assert {plan.reason for plan in given_up} >= {"node budget"}
     assert all(plan.expansions <= 10 + KEYS["width"] for plan in given_up)
+
+
+def test_an_accessible_target_needs_no_move():
+    reach = wide_hand(6, 6)
+    blocked = FreshInstances(reach, Difficulty(10, 14), "validation", 1).draw(1)
+    batch = Batch(torch.cat([torch.zeros_like(blocked.board), blocked.board]), blocked.target.repeat(2))
+    first, second = BeamSearch(reach, **KEYS).plan(batch)  # type: ignore[arg-type]
+    assert (first.status, first.moves, first.expansions) == (Status.SOLVED, (), 0)
+    assert len(second.moves) > 0
