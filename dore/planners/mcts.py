@@ -35,7 +35,8 @@ class Mcts(Planner):
     Args:
         priors: network: softmax of the Q-values of a board's moves, its value their largest; uniform: the same for
             all moves, and gamma to the power of the corridors' cost as the value.
-        model: a run directory or a model file; None: the one in the package. Of no effect on uniform priors.
+        model: a run directory or a model file, whose values must be Q-values; None: the one in the package that
+            learned from rewards alone. Of no effect on uniform priors.
         c_puct: the weight of the priors against the values.
         temperature: of the softmax.
         gamma: what a value is worth one move earlier.
@@ -65,9 +66,10 @@ class Mcts(Planner):
             raise InputError(f"planners.mcts.priors: got {shown(priors)}, want one of {', '.join(PRIORS)}")
         self.agent = None
         if priors == "network":
+            from dore.learn.checkpoint import Q_NETWORK
             from dore.planners.learned import Learned  # TorchRL, which uniform priors do not need.
 
-            self.agent = Learned(reach, model, max_moves=1).agent
+            self.agent = Learned(reach, Q_NETWORK if model is None else model, max_moves=1).agent
         self.c_puct = number("planners.mcts.c_puct", c_puct, above=0.0, at_most=1e3)
         self.temperature = number("planners.mcts.temperature", temperature, above=0.0, at_most=1e3)
         self.gamma = number("planners.mcts.gamma", gamma, above=0.0, at_most=1.0)

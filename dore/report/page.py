@@ -13,8 +13,6 @@ from dore.errors import InputError
 from dore.report.cells import TEXT
 from dore.report.frame import Source, Spec
 
-MARK = " \\*"
-
 PAGE = """\
 # {{ study.title }}
 
@@ -94,7 +92,7 @@ def lines_of(cells: pd.DataFrame, table: Spec) -> list[list[str]]:
     A study's table may say: head (above the rows' names), digits (significant ones), format (of all cells, or by
     column, row, "row: column" or "default": "{mean:.1f}{interval:.1f}"), columns (their titles and order),
     missing (what stands where there is no cell), n (`each`: in every cell; `shared`: in a line of its own where all our
-    rows share it), mark (a metric that is 1 where a cell gets a star, and the name of that metric's row).
+    rows share it).
     """
     mine = cells[cells.metric == table["name"]]
     titles = {str(key): str(title) for key, title in table.get("columns", {}).items()}
@@ -106,11 +104,7 @@ def lines_of(cells: pd.DataFrame, table: Spec) -> list[list[str]]:
     lines = [[table.get("head", ""), *(titles.get(column, column) for column in columns)]]
     lines += [["n", *shared]] if shared is not None else []
     for row in dict.fromkeys(mine["row"]):
-        shown = [_cell(places.get((row, column)), table, with_n) for column in columns]
-        stars = [_is_marked(cells, table, row, column) for column in columns]
-        lines.append([row, *(text + MARK * star for text, star in zip(shown, stars, strict=True))])
-        if _is_marked(cells, table, row, None):
-            lines[-1][0] += MARK
+        lines.append([row, *(_cell(places.get((row, column)), table, with_n) for column in columns)])
     return lines
 
 
@@ -124,15 +118,6 @@ def _shared(mine: pd.DataFrame, columns: Sequence[str]) -> list[str] | None:
     """How many instances each column has, where all rows but the paper's agree on it."""
     counts = mine[~mine["row"].str.startswith("paper")].groupby("column").n.agg(["nunique", "max"]).reindex(columns)
     return [f"{most:g}" for most in counts["max"]] if (counts["nunique"] == 1).all() else None
-
-
-def _is_marked(cells: pd.DataFrame, table: Spec, row: str, column: str | None) -> bool:
-    """Whether a cell, or with no column a row, gets a star."""
-    mark = table.get("mark")
-    if not mark or (column is None) != bool(mark.get("rows")):
-        return False
-    head, _, tail = row.rpartition(", ")
-    return _value(cells, mark["metric"], mark["row"].format(head=head), column or tail) == 1
 
 
 class _Interval(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple
 from typing import Any
@@ -128,10 +129,11 @@ def _values_of(where: str, entry: Spec, rows: pd.DataFrame) -> list[Any]:
 
 
 def _joined(where: str, entry: Spec, source: Source, rows: pd.DataFrame) -> pd.DataFrame:
-    """Only the instances that other rows have too; with `base`, their values as columns NAME_base."""
-    for key, names in (("only_with", ()), ("base", ("moves", "planning_s", "simulated_s", "success"))):
+    """Only the instances that other rows have too; with `base`, what the entry calls NAME_base is their NAME."""
+    asked = set(re.findall(r"(\w+)_base\b", f"{entry.get('of')} {entry.get('to')}"))
+    for key, names in (("only_with", set()), ("base", asked)):
         if key in entry:
-            values = [name for name in names if name in rows]
+            values = [name for name in rows if name in names]
             other = chosen(where, source.rows, entry, key)
             at = [*source.world, "instance"]
             rows = rows.merge(other[[*at, *values]], on=at, suffixes=("", "_base"))

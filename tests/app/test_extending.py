@@ -26,6 +26,8 @@ SMALL = {
     "execute": ("video=off",),
 }
 """What is added to a command so that it takes seconds."""
+IN_JOBS = ("Network", "Planner")
+"""Sections whose `-m` runs in the fast test: one of trainings, one of evaluations."""
 
 
 def commands(section: str) -> list[tuple[str, list[str]]]:
@@ -33,6 +35,8 @@ def commands(section: str) -> list[tuple[str, list[str]]]:
     found = []
     for program, *given in map(shlex.split, lines):
         small = () if "instances=file" in given else SMALL[program.removeprefix("dore-")]
+        if any(one.startswith("arm=") for one in given):
+            small = ("limit=2",)
         found.append((program.removeprefix("dore-"), [*given, *small]))
     return found
 
@@ -51,10 +55,10 @@ def test_a_section_runs_as_it_is_written(name, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     write_files(tmp_path, SECTIONS[name])
     for command, arguments in commands(SECTIONS[name]):
-        if command == "train" and "-m" in arguments and name != "Network":
+        if "-m" in arguments and name not in IN_JOBS:
             if name.startswith("A network"):
                 pytest.skip("its second command compares what its sweep trains: the slow test runs both")
-            continue  # Each job is a process, and takes seconds; the slow test starts them.
+            continue  # Each job is a process, or loads a simulator, and takes seconds; the slow test starts them.
         _users.clear()  # Each command is a process of its own.
         assert run(command, arguments) in wanted(command, arguments), arguments
 

@@ -36,7 +36,9 @@ def test_the_four_functions():
     assert "batch_size=torch.Size([64, 8])" in said
 
 
-@pytest.mark.parametrize("example", [1, 2], ids=["dqn_loss", "maskable_ppo"])
+@pytest.mark.parametrize(
+    "example", [pytest.param(1, id="dqn_loss"), pytest.param(2, id="maskable_ppo", marks=pytest.mark.slow)]
+)
 def test_stock_learners_reach_95_percent(example):
     if example == 2:
         pytest.importorskip("sb3_contrib")

@@ -54,7 +54,7 @@ def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
     """Bad input, a loss that is no longer finite, and a good one, side by side."""
     more = ["optimizer.lr=-1,10,0.001", "training.learning_starts=100", "checkpoint_minutes=0.00001"]
     more += ["optimizer._target_=tests.app.diverging.Diverging"]
-    assert run("train", ["-m", *TINY, *more, f"hydra.sweep.dir={tmp_path}"]) == 2
+    assert run("train", ["-m", *TINY, SERIAL, *more, f"hydra.sweep.dir={tmp_path}"]) == 2
     bad, diverged = sorted(complaints(capsys), key=lambda line: "the loss is" in line)
     assert "broken: " in bad
     assert "optimizer.lr=-1 " in bad
@@ -71,7 +71,7 @@ def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
 
 
 def test_a_sweep_again_skips_resumes_and_starts_over(tmp_path, capsys):
-    arguments = ["-m", *TINY, "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
+    arguments = ["-m", *TINY, SERIAL, "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
     assert run("train", arguments) == 0
     finished, stopped, young = (tmp_path / Path(outcomes(tmp_path)[f"seed={seed}"].folder).name for seed in range(3))
     before = (finished / "metrics.csv").stat().st_mtime_ns

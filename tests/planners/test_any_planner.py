@@ -70,7 +70,7 @@ def planner_of(name: str, reach: Reach, model: str | None) -> Planner:
     cfg.model = model
     node = cfg.planners[name]
     for key in SMALL.keys() & node.keys():
-        node[key] = SMALL[key]
+        node[key] = min(node[key], SMALL[key])
     made: Planner = make(node, f"planner {name}", reach=reach)
     return made
 

@@ -91,57 +91,19 @@ def test_times_of_batches_are_no_planning_times(tables):
 
 
 def test_the_generalist_by_hand(tmp_path):
-    """Five instances of each world: the fourth has no plan, the fifth is decided by nobody."""
-    model = [*rows_of("learned", 1, 3, None, None, None), *rows_of("guided", 1, 2, 2, None, None)]
-    for reach, board, percent, n, cell_m in (
-        ("wide_hand", "6x6", 20, 7, 0.12),
-        ("wide_hand", "6x6", 30, 11, 0.12),
-        ("wide_hand", "10x10", 20, 20, 0.09),
-        ("published", "6x6", 20, 7, 0.12),
-        ("panda_slim", "6x6", 20, 7, 0.12),
-    ):
-        side = int(board.partition("x")[0])
-        layout = {
-            "_target_": "dore.world.layout.Layout.grid",
-            "rows": side,
-            "cols": side,
-            "cell_m": cell_m,
-            "front_m": 0.4,
-        }
-        config = {
-            "layout": layout,
-            "reach": {
-                "_target_": "dore.world.reach.Reach",
-                "clearance_m": 0.106,
-                "half_fan_deg": 30.0,
-                "n_sectors": 60,
-            },
-            "instances": {"seed": 0, "min_obstacles": n, "max_obstacles": n},
-            "model": "weights",
-        }
-        world = tmp_path / reach / f"{board}_{percent}"
-        evaluation(world / "exact", rows_of("exact", 1, 2, 2, NO_PLAN, None), **config)
-        evaluation(world / "model", model, **config)
+    """Five boards of each layout: the fourth has no plan, the fifth is decided by nobody."""
+    for layout in ("3x6", "arc"):
+        rows = [*rows_of("learned", 1, 6, None, None, None), *rows_of("exact", 1, 5, 9, NO_PLAN, None)]
+        evaluation(tmp_path / "wide_hand" / layout / "all", rows)
     cells, facts = made("generalist", tmp_path)
-    success, of_all, ratio = "success of the solvable (%)", "of all instances (%)", "rearrangements / proved optimum"
-    assert tuple(cell(cells, success, "6 x 6, learned", "20 %")[["n", "mean"]]) == (3, pytest.approx(200 / 3))
-    assert cell(cells, success, "6 x 6, guided", "30 %")["mean"] == 100
-    for row, percent in (("learned", 40), ("solvable", 60), ("undecided", 20)):
-        assert cell(cells, of_all, f"6 x 6, {row}", "20 %")["mean"] == pytest.approx(percent)
-    assert tuple(cell(cells, ratio, "6 x 6, learned", "20 %")[["n", "mean"]]) == (2, pytest.approx(4 / 3))
-    assert cell(cells, ratio, "6 x 6, proved optimum", "20 %")["mean"] == pytest.approx(5 / 3)
-    rows = ["6 x 6, learned", "6 x 6, guided", "6 x 6, solvable", "6 x 6, undecided", "10 x 10, 9 cm, learned"]
-    assert list(dict.fromkeys(cells[cells.metric == of_all]["row"]))[:5] == rows
-    for column, n in (("learned from", 3), ("its reach, but never this size or density", 9), ("never this reach", 3)):
-        assert cell(cells, "together (%)", "guided", column)["n"] == n
-    assert 50 < cell(cells, "other reaches", "published, 6 x 6, 20 %", "free at once %")["mean"] < 90
-    known = cells[(cells.metric == "learned from") & (cells["mean"] == 1)]
-    assert set(known["row"]) == {"wide_hand, 6 x 6"}
-    assert (facts["undecided"], facts["all"], facts["model"]) == (5, 25, "weights")
-    page = results.write_page(fakes.study("generalist"), "generalist", tmp_path, tmp_path / "p").read_text(
-        encoding="utf-8"
-    )
-    assert "| 6 x 6, learned | 66.7 [20.8, 93.9] \\* | 66.7 [20.8, 93.9] |" in page
+    together, ratio = "success, layouts together (%)", "moves of the model / optimum"
+    for seen in ("learned from", "never seen"):
+        for needs, solved in (("1", 100), ("5-6", 100), ("7+", 0)):
+            assert tuple(cell(cells, together, f"learned: {seen}", needs)[["n", "mean"]]) == (1, solved)
+    assert set(cells[cells.metric == together].column) == {"1", "5-6", "7+"}
+    assert cell(cells, ratio, "wide_hand, arc", "5-6")["mean"] == pytest.approx(6 / 5)
+    assert (facts["n"], facts["undecided"]) == ("5", 2)
+    page = results.write_page(fakes.study("generalist"), "generalist", tmp_path, tmp_path / "p").read_text("utf-8")
     assert "nan" not in page
 
 

@@ -49,6 +49,7 @@ def test_the_clearance_is_the_hand_the_widest_object_and_the_margin(kinematics, 
     assert least <= reach.clearance_m < least + 0.001
 
 
+@pytest.mark.slow
 def test_allowed_corridors_are_exactly_those_that_the_arm_follows(surveyor):
     """Every cell and sector of 3 x 6: none is allowed that the arm cannot follow, and none forbidden that it can."""
     followed = torch.tensor(
