@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 
 import hydra
 from hydra.errors import HydraException
@@ -76,9 +77,13 @@ def _check_groups(overrides: list[str]) -> int:
         key, given, value = override.lstrip("+").partition("=")
         folders = own_parts.group_folders(key.partition("@")[0], overrides)
         if given and not override.startswith("-") and folders and NO_NAME.fullmatch(value):
-            options = ", ".join(sorted(path.stem for folder in folders for path in folder.glob("*.yaml")))
-            raise InputError(f"{key}: got {value or 'nothing'}, want one of its options: {options}")
+            raise InputError(_no_option(key, value or "nothing", folders))
     return ExitCode.OK
+
+
+def _no_option(group: str, value: str, folders: Sequence[Path]) -> str:
+    options = ", ".join(sorted({path.stem for folder in folders for path in folder.glob("*.yaml")}))
+    return f"{group}: got {value}, want one of its options: {options}"
 
 
 def _run_command(name: str, cfg: DictConfig) -> int:
@@ -136,6 +141,8 @@ def _config_message(command: str, text: str) -> str:
     today = renamed.hint(text)
     if today:
         return today
+    if option := re.search(r"Could not load '(.+)/([^']+)'", text):  # One of several; of one alone Hydra lists them.
+        return _no_option(option[1], option[2], own_parts.group_folders(option[1], sys.argv[1:]))
     unknown = re.search(r"Could not override '([^']+)'", text)
     if not unknown:
         return text

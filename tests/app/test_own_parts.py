@@ -65,6 +65,15 @@ def test_messages_know_the_own_options(own, capsys):
         assert says in line
 
 
+def test_a_file_that_is_no_yaml_is_one_line(own, tmp_path, capsys):
+    write(tmp_path / "two", network__broken="widths: [8\nlr: 0\n")
+    assert run("train", [*own, *TINY, "network=broken", f"run_dir={tmp_path / 'run'}"]) == 2
+    (line,) = complaints(capsys)
+    assert "broken.yaml" in line
+    assert "line 2" in line
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.parametrize("planner", ["headless", "[exact,headless]"])
 def test_a_planner_without_a_package(own, tmp_path, planner):
     out = tmp_path / "rows"

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from numba import config, njit, types
+from numba.core import event
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -52,6 +54,25 @@ def _is_private(folder: Path) -> bool:
 
 
 CACHE_FOLDER = None if config.DISABLE_JIT else _cache_folder()
+
+
+class _Notice(event.Listener):  # type: ignore[misc]
+    """Says once, on a terminal, why nothing seems to happen."""
+
+    told = False
+
+    def on_start(self, event: event.Event) -> None:
+        """A kernel is compiled, and not loaded from the disk."""
+        if not self.told and sys.stderr.isatty():
+            print("compiling the search, once after an installation: up to a minute", file=sys.stderr, flush=True)
+        self.told = True
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing to say."""
+
+
+NOTICE = _Notice()
+event.register("numba:compile", NOTICE)
 
 
 def kernel(function: Function) -> Function:

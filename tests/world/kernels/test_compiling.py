@@ -138,3 +138,15 @@ def test_more_cells_than_the_kernels_hold_are_refused() -> None:
     sets = np.zeros((1, n_cells, MAX_WORDS + 1), np.uint64)
     with pytest.raises(InputError, match="layout: got 1,025 cells, want 1,024 at most"):
         table_of(sets, np.ones(n_cells, np.bool_), n_cells)
+
+
+def test_the_first_compilation_is_announced_on_a_terminal(capsys, monkeypatch):
+    monkeypatch.setattr(compiling.NOTICE, "told", False)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    for lines in (1, 0):
+        compiling.kernel(lambda a: a + 1)(1)
+        assert len(capsys.readouterr().err.splitlines()) == lines
+    monkeypatch.setattr(compiling.NOTICE, "told", False)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False)
+    compiling.kernel(lambda a: a + 2)(1)
+    assert capsys.readouterr().err == ""
