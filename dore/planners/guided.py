@@ -21,7 +21,7 @@ from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
-BEAM_SHARE = 0.5
+BEAM_SHARE = 0.1
 """The share of the budget left by the first exact search that the beam may use."""
 
 
