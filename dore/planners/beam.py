@@ -6,6 +6,7 @@ N denotes the boards of a layer, M moves, n the instances, W the words of a boar
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -109,9 +110,12 @@ class Beam:
             for row in rows:
                 self.searches[row].expansions += 1
                 self.searches[row].seconds += each
+            following = Counter(self.row.tolist())
             for row in set(rows):
                 search = self.searches[row]
-                over = search.expansions >= self.max_nodes[row] or search.seconds >= self.max_seconds[row]
+                # A layer that would end too late is not begun: those of large tables take long.
+                seconds = search.seconds + each * following[row]
+                over = search.expansions >= self.max_nodes[row] or seconds > self.max_seconds[row]
                 search.spent = over and search.moves is None
             self._keep([k for k, row in enumerate(self.row.tolist()) if not self.searches[row].spent])
         return self.searches
