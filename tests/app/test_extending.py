@@ -26,8 +26,6 @@ SMALL = {
     "execute": ("video=off",),
 }
 """What is added to a command so that it takes seconds."""
-IN_JOBS = ("Network", "Planner")
-"""Sections whose `-m` runs in the fast test: one of trainings, one of evaluations."""
 
 
 def commands(section: str) -> list[tuple[str, list[str]]]:
@@ -55,7 +53,7 @@ def test_a_section_runs_as_it_is_written(name, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
     write_files(tmp_path, SECTIONS[name])
     for command, arguments in commands(SECTIONS[name]):
-        if "-m" in arguments and name not in IN_JOBS:
+        if "-m" in arguments:
             if name.startswith("A network"):
                 pytest.skip("its second command compares what its sweep trains: the slow test runs both")
             continue  # Each job is a process, or loads a simulator, and takes seconds; the slow test starts them.

@@ -27,6 +27,7 @@ def test_bad_sweeps_are_one_line(tmp_path, capsys, overrides, says):
     assert not list(tmp_path.glob("*/config.yaml"))
 
 
+@pytest.mark.slow
 def test_a_named_sweep_and_a_larger_budget(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("train", ["-m", *TINY, SERIAL, "sweep=mine"]) == 0

@@ -50,6 +50,7 @@ def start(root: Path, *more: str) -> subprocess.Popen[bytes]:
     return process
 
 
+@pytest.mark.slow
 def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
     """Bad input, a loss that is no longer finite, and a good one, side by side."""
     more = ["optimizer.lr=-1,10,0.001", "training.learning_starts=100", "checkpoint_minutes=0.00001"]
@@ -70,6 +71,7 @@ def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
     ]
 
 
+@pytest.mark.slow
 def test_a_sweep_again_skips_resumes_and_starts_over(tmp_path, capsys):
     arguments = ["-m", *TINY, SERIAL, "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
     assert run("train", arguments) == 0
@@ -128,6 +130,7 @@ def test_jobs_do_not_outlive_their_sweep(tmp_path):
     assert all("stopped; resume with" in log.read_text() for log in logs)
 
 
+@pytest.mark.slow
 def test_a_killed_job_takes_no_other_with_it(tmp_path, capsys, monkeypatch):
     def wait_for_the_first_to_be_killed(process, job, stop):
         monkeypatch.undo()

@@ -32,6 +32,7 @@ def run_without_simulator(command: str, *arguments: str) -> subprocess.Completed
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=False)
 
 
+@pytest.mark.slow
 def test_train_evaluate_and_plan(tmp_path):
     commands = (
         ("train", *TINY, f"run_dir={tmp_path / 'run'}"),

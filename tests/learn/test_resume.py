@@ -121,6 +121,7 @@ def test_tensorboard_has_no_point_twice_or_after_the_checkpoint(tmp_path):
     assert old + 99 not in steps
 
 
+@pytest.mark.slow
 def test_a_moved_run_logs_where_it_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("train", [*TINY, "logger=tensorboard", "run_dir=here"]) == 0

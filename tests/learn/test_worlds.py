@@ -183,6 +183,7 @@ def test_a_run_is_of_the_worlds_that_it_was_started_with(tmp_path, capsys):
     assert "was started with worlds.more." in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_checkpoint_from_before_there_were_worlds_resumes(tmp_path):
     """Its parts lay side by side; it resumes bit for bit."""
     one = [*GENERAL, "layout.rows=3", "layout.cols=4", "training.max_episodes=70"]

@@ -25,6 +25,7 @@ def small(part):
     return partial(part.func, part.args[0][:1], *part.args[1:]) if isinstance(part, partial) else part
 
 
+@pytest.mark.slow
 def test_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(bench_planners, "OLD", EARLIER)
     monkeypatch.setattr(bench_planners, "PLAN", "pass  # {}")

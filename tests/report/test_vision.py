@@ -52,6 +52,7 @@ def test_the_page_by_hand(tmp_path):
     assert "nan" not in page
 
 
+@pytest.mark.slow
 @needs_vulkan
 def test_two_scenes(tmp_path):
     picture = tmp_path / "new" / "vision.png"

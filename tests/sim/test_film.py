@@ -189,6 +189,7 @@ def test_the_board_has_the_objects_colours(tmp_path):
     assert video._colours(SCENE) == {14: TARGET_PAINT, 2: OBSTACLE_PAINTS[1], 8: OBSTACLE_PAINTS[2]}
 
 
+@pytest.mark.slow
 @pytest.mark.sim
 @needs_vulkan
 def test_the_arm_is_filmed_where_vulkan_is(tmp_path):
