@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from dore.report import results
 from dore.report.measurements import write_measurements
 from scripts import measure_vision

@@ -81,7 +81,7 @@ def test_the_presets_hold_the_arms_numbers(place):
 def test_a_sample_of_allowed_corridors_is_followed_and_touches_nothing(place):
     surveyor = Surveyor(place.arm, place.objects, place.layout)
     allowed = surveyor.reach.allowed_sectors.nonzero().tolist()
-    sample = [[cell, sector] for cell, sector in allowed if sector % 30 == cell % 5]
+    sample = [[cell, sector] for cell, sector in allowed if sector % 15 == cell % 5]
     found = surveyor.survey(sample)
     assert found.corridors.why_not.tolist() == [""] * len(sample)
     assert found.faults.empty
