@@ -85,7 +85,9 @@ class Beam:
     ) -> None:
         self.reach, self.prior, self.target, self.shape = reach, prior, start.target, shape
         self.max_nodes, self.max_seconds = max_nodes, max_seconds
-        self.searches = [Search({tuple(board)}) for board in start.board.tolist()]
+        accessible = retrievable(reach, *start).tolist()
+        first = zip(start.board.tolist(), accessible, strict=True)
+        self.searches = [Search({tuple(board)}, moves=[] if is_open else None) for board, is_open in first]
         self.tree: list[tuple[int, int, int]] = []
         """For every board but the first ones: the index of the one before it, and the move."""
         n, device = len(start.target), start.board.device
@@ -94,9 +96,6 @@ class Beam:
         self.node = [-1] * n
         self.moved = torch.full((n,), -1, device=device)
         """Int64[N]: where the last obstacle was placed; moving it again at once would waste a move."""
-        accessible = retrievable(reach, *start).tolist()
-        for search, needs_no_move in zip(self.searches, accessible, strict=True):
-            search.moves = [] if needs_no_move else None
         self._keep([row for row in range(n) if not accessible[row]])
 
     @torch.inference_mode()

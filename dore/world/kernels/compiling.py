@@ -59,13 +59,13 @@ CACHE_FOLDER = None if config.DISABLE_JIT else _cache_folder()
 class _Notice(event.Listener):  # type: ignore[misc]
     """Says once, on a terminal, why nothing seems to happen."""
 
-    told = False
+    announced = False
 
     def on_start(self, event: event.Event) -> None:
         """A kernel is compiled, and not loaded from the disk."""
-        if not self.told and sys.stderr.isatty():
+        if not self.announced and sys.stderr.isatty():
             print("compiling the search, once after an installation: up to a minute", file=sys.stderr, flush=True)
-        self.told = True
+        self.announced = True
 
     def on_end(self, event: event.Event) -> None:
         """Nothing to say."""

@@ -174,7 +174,7 @@ class Found(NamedTuple):
 
 
 _kept = threading.local()
-"""This thread's room from the call before: to take it anew would be longer than most searches."""
+"""This thread's room from the call before: to allocate it again would take longer than most searches."""
 
 
 class _Room(NamedTuple):

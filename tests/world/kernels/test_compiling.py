@@ -141,12 +141,12 @@ def test_more_cells_than_the_kernels_hold_are_refused() -> None:
 
 
 def test_the_first_compilation_is_announced_on_a_terminal(capsys, monkeypatch):
-    monkeypatch.setattr(compiling.NOTICE, "told", False)
+    monkeypatch.setattr(compiling.NOTICE, "announced", False)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     for lines in (1, 0):
         compiling.kernel(lambda a: a + 1)(1)
         assert len(capsys.readouterr().err.splitlines()) == lines
-    monkeypatch.setattr(compiling.NOTICE, "told", False)
+    monkeypatch.setattr(compiling.NOTICE, "announced", False)
     monkeypatch.setattr("sys.stderr.isatty", lambda: False)
     compiling.kernel(lambda a: a + 2)(1)
     assert capsys.readouterr().err == ""
