@@ -1,7 +1,9 @@
-"""Q-values over the board: what the pick network makes of each obstacle, and, once the one that it would pick is
-lifted, the place network of each cell.
+"""What a network makes of each obstacle, and, once the one that it would pick is lifted, of each cell to place it on.
 
 python -m scripts.q_maps [model=FILE] [out=docs/results/q_values.png]
+python -m scripts.q_maps probabilities=true [model=FILE] [out=FILE]
+The first draws Q-values on sparse boards; the second the probabilities of a network that was taught by exact search, on
+ten objects on 3 x 6 as in the paper's Fig. 1: a first move that is optimal, and two that are not.
 """
 
 from __future__ import annotations
@@ -24,37 +26,45 @@ from dore.draw.board_art import OBSTACLE_COLOUR, RADIUS, TARGET_COLOUR, draw_cel
 from dore.draw.style import INK, save_figure
 from dore.errors import InputError
 from dore.learn.agents.sequential import Sequential
-from dore.learn.checkpoint import Q_NETWORK
-from dore.planners.exact import Exact
+from dore.learn.checkpoint import Q_NETWORK, SHIPPED
 from dore.report.panels import panels
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
-from dore.world.problem import Scene, cell_id
+from dore.world.labeller import Labeller
+from dore.world.problem import Batch, Scene, cell_id
 from dore.world.rules import legal_moves, legal_places
 from scripts.program import run
 
 CMAP = colormaps["viridis"]
-ILLEGAL, CHOICE = "#dcdde0", "#d62728"
-AMONG = 100
+ILLEGAL, CHOICE, BEST = "#dcdde0", "#d62728", "white"
+AMONG = 400
 """Instances among which a board with the wanted optimum is looked for."""
+MAX_NODES, MAX_MOVES = 100_000, 30
+"""Of the search for the optimum."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """model: a run directory or a model file. out: the picture."""
+    """model: a run directory or a model file. probabilities: see above. out: the picture."""
 
-    model: Path = Q_NETWORK
-    out: Path = Path("docs/results/q_values.png")
+    model: Path | None = None
+    out: Path | None = None
+    probabilities: bool = False
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """Which board to draw: the first of the validation split's that needs so many moves."""
+    """Which board to draw: the first of the validation split's that needs so many moves.
+
+    right: whether the network's first move is that of a shortest plan; None: either.
+    """
 
     layout: str
     obstacles: int
     optimum: int
     about: str
+    reach: str = "wide_hand"
+    right: bool | None = None
 
 
 BOARDS = (
@@ -64,56 +74,94 @@ BOARDS = (
 )
 
 
+FIG_1 = (
+    Wanted("3x6", 10, 8, "right", right=True),
+    Wanted("3x6", 10, 8, "wrong", right=False),
+    Wanted("3x6", 10, 11, "wrong", right=False),
+)
+
+
 @dataclass(frozen=True)
 class Map:
-    """One network's values on a board: Float[G], and Bool[G], which of them it may choose from."""
+    """One network's values on a board: Float[G], and Bool[G], which of them it may choose from.
+
+    optimal: Bool[G], which choices a shortest plan makes. per_cent: the values are probabilities.
+    """
 
     scene: Scene
     values: Tensor
     legal: Tensor
+    optimal: Tensor
+    per_cent: bool = False
 
     @property
     def choice(self) -> int:
         """The greedy one's cell."""
         return int(self.values.masked_fill(~self.legal, -torch.inf).argmax())
 
+    @property
+    def right(self) -> bool:
+        """Whether a shortest plan makes the same choice."""
+        return bool(self.optimal[self.choice])
+
 
 def main(options: Options) -> None:
     """Write the PNG."""
-    drawn = [(wanted, maps_of(wanted, options.model)) for wanted in BOARDS]
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    draw(options.out, drawn)
-    print(options.out)
+    name, boards = ("probabilities", FIG_1) if options.probabilities else ("q_values", BOARDS)
+    model = options.model or (SHIPPED if options.probabilities else Q_NETWORK)
+    drawn = [(wanted, maps_of(wanted, model, options.probabilities)) for wanted in boards]
+    out = options.out or Path(f"docs/results/{name}.png")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draw(out, drawn)
+    print(out)
 
 
 @torch.no_grad()
-def maps_of(wanted: Wanted, model: Path) -> tuple[Map, Map]:
+def maps_of(wanted: Wanted, model: Path, probabilities: bool = False) -> tuple[Map, Map]:
     """The pick network's map, and the place network's after the lift.
 
     Raises:
         InputError: no such model, one without a pick and a place network, or no such board.
     """
-    agent = load_model(model, layout=wanted.layout, reach="wide_hand")
+    agent = load_model(model, layout=wanted.layout, reach=wanted.reach)
     if not isinstance(agent, Sequential):
         raise InputError(f"model: {model} has no pick and place network, want one of agent=sequential")
     reach, difficulty = agent.reach, Difficulty(wanted.obstacles, wanted.obstacles)
     instances = InstanceSet.generate(reach, AMONG, difficulty, "validation", seed=0)
-    exact = Exact(reach, max_nodes=10_000_000, max_seconds=60.0, max_memory_mb=2048)
-    rows = [row for row, plan in enumerate(exact.plan(instances.batch())) if plan.optimal_moves == wanted.optimum]
-    if not rows:
-        raise InputError(f"{wanted.layout}: none of {AMONG} boards needs {wanted.optimum} moves")
-    board, target = start = instances.batch(slice(rows[0], rows[0] + 1))
+    fewest = Labeller(reach, MAX_NODES, MAX_MOVES).fewest(instances.batch())
+    for row in (fewest == wanted.optimum).nonzero().squeeze(-1).tolist():
+        maps = _maps(agent, instances.batch(slice(row, row + 1)), probabilities)
+        if wanted.right in (None, all(one.right for one in maps)):
+            return maps
+    such = "" if wanted.right is None else f", with a first move that is {'right' if wanted.right else 'wrong'}"
+    raise InputError(f"{wanted.layout}: none of {AMONG} boards needs {wanted.optimum} moves{such}")
+
+
+def _maps(agent: Sequential, start: Batch, probabilities: bool) -> tuple[Map, Map]:
+    """Both maps of a board."""
+    reach, (board, target) = agent.reach, start
     visited, scene = board[:, None], problems_of(reach, start)[0].scene
-    pick = Map(scene, agent.pick_values(board, target)[0], legal_moves(reach, board, target, visited).pick[0])
+    best = Labeller(reach, MAX_NODES, MAX_MOVES).label(start).wasted[0] == 0
+    shown = _probabilities if probabilities else lambda values, legal: values
+    legal = legal_moves(reach, board, target, visited).pick[0]
+    pick = Map(scene, shown(agent.pick_values(board, target)[0], legal), legal, best.any(-1), probabilities)
     cell = torch.tensor([pick.choice])
     left = replace(scene, obstacles=tuple(one for one in scene.obstacles if one != pick.choice))
     legal = legal_places(reach, board, target, visited, cell)[0]
-    return pick, Map(left, agent.move_values(board, target, cell)[0], legal)
+    return pick, Map(
+        left, shown(agent.move_values(board, target, cell)[0], legal), legal, best[pick.choice], probabilities
+    )
+
+
+def _probabilities(values: Tensor, legal: Tensor) -> Tensor:
+    """Float[G]: per cent, of what is legal."""
+    return 100 * values.masked_fill(~legal, -torch.inf).softmax(-1)
 
 
 def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
     """Write the PNG: a column a board, its picks above its places."""
-    figure, places = panels(2 * len(drawn), len(drawn), 4.0, 4.2)
+    flat = all(maps[0].scene.layout.n_cells <= 18 for _, maps in drawn)
+    figure, places = panels(2 * len(drawn), len(drawn), 4.0, 2.7 if flat else 4.2)
     for column, (wanted, maps) in enumerate(drawn):
         pair = places[column :: len(drawn)]
         size, (pick, place) = wanted.layout.replace("x", " x "), (cell_id(one.choice) for one in maps)
@@ -132,9 +180,10 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
         Patch(facecolor=OBSTACLE_COLOUR, label="obstacle"),
         Patch(facecolor="white", edgecolor=OBSTACLE_COLOUR, ls="--", label="lifted from here"),
         Patch(facecolor="white", edgecolor=CHOICE, lw=2, label="the greedy choice"),
+        Patch(facecolor=BEST, edgecolor=INK, label="a shortest plan's choice"),
         Patch(facecolor=ILLEGAL, label="cannot be chosen"),
     ]
-    look = {"ncols": 5, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
+    look = {"ncols": 6, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
     figure.legend(handles=handles, loc="outside lower center", **look)
     save_figure(figure, path, dpi=160)
 
@@ -142,8 +191,9 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
 def _board(axes: Axes, one: Map) -> ScalarMappable:
     """One map: what may be chosen coloured by its value, the rest grey."""
     scene, values, edge = one.scene, one.values[one.legal], one.scene.layout.cell_m
-    colours = ScalarMappable(Normalize(float(values.min()), float(values.max())), CMAP)
-    digits = 2 if float(values.max() - values.min()) < 10 else 1
+    low, high = (0.0, 100.0) if one.per_cent else (float(values.min()), float(values.max()))
+    colours = ScalarMappable(Normalize(low, high), CMAP)
+    digits = 2 if high - low < 10 else 1
     standing = {**dict.fromkeys(scene.obstacles, OBSTACLE_COLOUR), scene.target: TARGET_COLOUR}
     draw_cells(axes, scene)
     for cell in range(scene.layout.n_cells):
@@ -153,6 +203,9 @@ def _board(axes: Axes, one: Map) -> ScalarMappable:
         axes.add_patch(Rectangle((x - edge / 2, y - edge / 2), edge, edge, facecolor=fill, edgecolor="white", lw=0.6))
         if cell in standing:
             axes.add_patch(Circle((x, y), RADIUS * edge, facecolor=standing[cell], edgecolor="white", lw=0.8))
+        if one.optimal[cell]:
+            dot = Circle((x + 0.34 * edge, y + 0.34 * edge), 0.06 * edge, facecolor=BEST, edgecolor=INK, lw=0.8)
+            axes.add_patch(dot)
         if legal:
             ink = "white" if cell in standing or sum(fill[:3]) < 1.5 else INK
             axes.text(x, y, f"{value:.{digits}f}", fontsize=6, color=ink, ha="center", va="center_baseline")

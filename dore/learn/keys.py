@@ -54,6 +54,14 @@ SLOT_MASK: Key = ("pick", "slot_mask")
 SLOT_VALUE: Key = ("pick", "slot_value")
 """Float[B, Z]: Q_1."""
 
+STEPS = "steps"
+"""UInt8[B]: how many moves lie between a stored board and the next one, where returns are of several."""
+INDEX = "index"
+"""Int64[B]: where a drawn transition is in the buffer, if that has priorities."""
+WEIGHT = "priority_weight"
+"""Float[B]: what it counts, since it was not drawn uniformly."""
+ERROR = "td_error"
+"""Float[B, 1]: its squared error, its priority from now on."""
 PICKED = "picked"
 """Bool[B]: the pick did not fail, so something was placed; of a decoded batch, as the next."""
 LIFTED = "lifted"

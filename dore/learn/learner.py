@@ -9,6 +9,7 @@ from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.objectives.utils import HardUpdate, TargetNetUpdater
 
+from dore.learn import keys
 from dore.learn.agents.common import Agent
 from dore.learn.averaging import AveragedWeights
 from dore.learn.budget import Budget
@@ -44,22 +45,31 @@ class Learner:
             group["lr"] = first * (1.0 - (1.0 - self.budget.lr_end) * spent)
 
     def learn(self, sample: TensorDictBase, lessons: Agent | Lessons) -> list[Tensor]:
-        """One update for each batch of a sample; their losses.
+        """One update for each batch of a sample; their losses. A weighted sample gets its `keys.ERROR`.
 
         lessons: the learner's agent on the reach of the world that the sample is from, or its teacher there.
         """
         size = self.budget.batch_size
         losses: list[Tensor] = []
+        errors: list[Tensor] = []
+        weighted = keys.WEIGHT in sample
         # Decoded many at once, which is costly in small batches, but in bounded parts.
         for rows in sample.split(max(1, DECODED_AT_ONCE // size) * size):
             decoded, first = lessons.decode(rows), 0
+            if weighted:
+                decoded[keys.WEIGHT] = rows[keys.WEIGHT]
             while first < len(decoded):
                 batches = decoded[first : first + size * self._updates_to_next_copy()]
-                if len(batches) > size and isinstance(lessons, Agent):
+                if len(batches) > size and isinstance(lessons, Agent) and not weighted:
                     with self._autocast():
                         batches = lessons.loss.with_targets(batches)
-                losses += [self.update(batch, lessons) for batch in batches.split(size)]
+                for batch in batches.split(size):
+                    losses.append(self.update(batch, lessons))
+                    if weighted:
+                        errors.append(batch[keys.ERROR])
                 first += len(batches)
+        if weighted:
+            sample[keys.ERROR] = torch.cat(errors)
         return losses
 
     def _autocast(self) -> torch.autocast:

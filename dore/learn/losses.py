@@ -69,7 +69,7 @@ class SingleLoss(QLoss):
         pick, place = (self._best(head, *values, following) for head in ("pick", "place"))
         if self.heads == "mean":
             pick = place = (pick + place) / 2
-        reward, discount = following[names.place_reward], self.gamma * ~following[names.terminated]
+        reward, discount = following[names.place_reward], self._discount(following)
         return reward + discount * pick, reward + discount * place
 
 
@@ -129,5 +129,4 @@ class SequentialLoss(QLoss):
 
     def _next_best(self, head: str, following: TensorDictBase) -> Tensor:
         """Float[B, 1]: what a head expects of its next state, discounted; 0 where that ends the episode."""
-        discount = self.gamma * ~following[self.tensor_keys.terminated]
-        return discount * self._best(head, *self._bootstrap(head, following), following)
+        return self._discount(following) * self._best(head, *self._bootstrap(head, following), following)

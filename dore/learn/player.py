@@ -15,6 +15,7 @@ from dore.learn import keys
 from dore.learn.agents.common import Agent
 from dore.learn.budget import Unit
 from dore.learn.env import RearrangeEnv
+from dore.learn.n_step import n_step_rows
 from dore.learn.replay import compact, rows_of, tensors_of
 from dore.learn.teachers.exact import ExactTeacher
 
@@ -61,7 +62,7 @@ class Player:
     With `unit="episode"` the steps of an episode wait until it ends, and then come one after the other: the stores and
     updates have the order of a single environment that plays one episode after the other. What many environments
     change is that an episode is played by weights that are some updates old: no more than the updates made while it
-    lasts.
+    lasts. So they wait where returns are of several steps (`agent.n_steps`).
     """
 
     def __init__(self, env: RearrangeEnv, agent: Agent, unit: Unit, teacher: ExactTeacher | None = None) -> None:
@@ -91,6 +92,9 @@ class Player:
         rows = compact(step, self.agent.stored, self.env.reach.n_cells)
         if self.unit == "episode":
             return self._whole_episodes(rows, done)
+        if self.agent.n_steps > 1:
+            whole = self._whole_episodes(rows, done)
+            return Burst(whole.rows, torch.tensor([len(whole.rows)]), done.sum().cpu()[None])
         if self.unit == "step":
             return Burst(rows, torch.arange(1, n + 1), done.cumsum(0).cpu())
         return Burst(rows, torch.tensor([n]), done.sum().cpu()[None])
@@ -104,9 +108,11 @@ class Player:
         ended = done.nonzero().squeeze(-1)
         lengths = self._length[ended]
         played = torch.arange(self.env.max_moves, device=done.device) < lengths[:, None]
-        whole = self._waiting[ended][played]
+        whole = self._waiting[ended]
+        if self.agent.n_steps > 1:
+            whole = n_step_rows(whole, lengths, self.agent.n_steps, self.agent.loss.gamma)
         self._length[ended] = 0
-        return Burst(whole, lengths.cumsum(0).cpu(), torch.arange(1, len(ended) + 1))
+        return Burst(whole[played], lengths.cumsum(0).cpu(), torch.arange(1, len(ended) + 1))
 
     def state_dict(self) -> dict[str, Any]:
         """The environments, and the steps of episodes that have not ended."""

@@ -59,8 +59,7 @@ class QLoss(LossModule):
 
     `forward` returns `out_keys`, and writes each row's squared error, summed over both heads, to the input under
     `tensor_keys.priority` for prioritised replay. Importance weights under `tensor_keys.priority_weight` are applied.
-    Neither is done for a batch whose targets were computed ahead (`with_targets`), and dore's own loop samples
-    uniformly: priorities are for loops of your own.
+    Neither is done for a batch whose targets were computed ahead (`with_targets`).
 
     Args:
         online: the networks by name; each becomes functional, with target parameters.
@@ -87,8 +86,8 @@ class QLoss(LossModule):
         place_reward: NestedKey = keys.PLACE_REWARD
         terminated: NestedKey = keys.TERMINATED
         picked: NestedKey = keys.PICKED
-        priority: NestedKey = "td_error"
-        priority_weight: NestedKey = "priority_weight"
+        priority: NestedKey = keys.ERROR
+        priority_weight: NestedKey = keys.WEIGHT
 
     tensor_keys: Any
     default_keys: type = _AcceptedKeys
@@ -138,7 +137,7 @@ class QLoss(LossModule):
         raise NotImplementedError
 
     def make_value_estimator(self, value_type: ValueEstimators | None = None, **hyperparams: float) -> QLoss:
-        """Set `gamma`. The targets are one-step (TD(0)) by construction: the replay keeps single transitions.
+        """Set `gamma`. The targets are one-step (TD(0)) by construction, or of as many moves as a row says.
 
         Raises:
             NotImplementedError: another estimator than TD(0).
@@ -193,6 +192,12 @@ class QLoss(LossModule):
     def _targets(self, batch: TensorDictBase, online: Values) -> tuple[Tensor, Tensor]:
         """Float[B, 1] of the pick and the place; online: the online values of the batch where Q-learning is double."""
         raise NotImplementedError
+
+    def _discount(self, following: TensorDictBase) -> Tensor:
+        """Float[B, 1]: of what follows; 0 where the episode ends."""
+        steps = following.get(keys.STEPS, default=None)
+        gamma = self.gamma if steps is None else self.gamma ** steps[:, None]
+        return gamma * ~following[self.tensor_keys.terminated]
 
     def _run(self, name: str, batch: TensorDictBase) -> Values:
         """The online network's values."""

@@ -17,6 +17,7 @@ from torchrl.data import RandomSampler, ReplayBuffer
 
 from dore.errors import InputError
 from dore.learn import keys
+from dore.learn.prioritized import Prioritized
 
 
 def compact(step: TensorDictBase, stored: Sequence[str | keys.Key], n_cells: int) -> TensorDict:
@@ -41,10 +42,28 @@ def restore(sample: TensorDictBase) -> TensorDictBase:
     return sample
 
 
-def check_uniform(buffer: ReplayBuffer) -> None:
-    """Raise InputError where a buffer's sampler is not uniform: nothing writes priorities back to it."""
+def check_uniform(buffer: ReplayBuffer, why: str = "") -> None:
+    """Raise InputError where a buffer's sampler is not uniform."""
     if type(buffer.sampler) is not RandomSampler:
-        raise InputError(f"buffer.sampler: got {type(buffer.sampler).__name__}, want RandomSampler, which is uniform")
+        got = type(buffer.sampler).__name__
+        raise InputError(f"buffer.sampler: got {got}, want RandomSampler{why}")
+
+
+def has_priorities(buffer: ReplayBuffer) -> bool:
+    """Whether it draws what was learned worst more often."""
+    return isinstance(buffer.sampler, Prioritized)
+
+
+def draw(buffer: ReplayBuffer, n: int) -> TensorDictBase:
+    """TensorDict[n]; from a prioritised buffer with where each row is, and its weight."""
+    sample: TensorDictBase
+    if not has_priorities(buffer):
+        sample = buffer.sample(n)
+        return sample
+    sample, drawn = buffer.sample(n, return_info=True)
+    device = sample.device or "cpu"
+    sample[keys.INDEX], sample[keys.WEIGHT] = drawn["index"].to(device), drawn["priority_weight"].to(device)
+    return sample
 
 
 def draw_in_order(buffer: ReplayBuffer, rows: TensorDictBase, stored: Tensor, n: int) -> TensorDictBase:
@@ -78,7 +97,7 @@ def _cursor(buffer: ReplayBuffer) -> int:
 
 def tensors_of(rows: TensorDictBase) -> dict[str, Tensor]:
     """The leaves of a TensorDict by name, as a checkpoint keeps them: torch saves all that a view is of."""
-    return dict(rows.flatten_keys(".").clone().items())
+    return dict(sorted(rows.flatten_keys(".").clone().items()))
 
 
 def rows_of(tensors: dict[str, Tensor], batch_dims: int = 1) -> TensorDict:
@@ -91,7 +110,8 @@ def buffer_state(buffer: ReplayBuffer) -> dict[str, Any]:
     """The transitions a buffer holds, and where it writes next; its own state holds its empty places too."""
     if not len(buffer):
         return {"rows": {}, "writer": {}}
-    return {"rows": _packed(tensors_of(buffer[:])), "writer": buffer.writer.state_dict()}
+    state = {"rows": _packed(tensors_of(buffer[:])), "writer": buffer.writer.state_dict()}
+    return state | ({"sampler": buffer.sampler.state_dict()} if has_priorities(buffer) else {})
 
 
 def load_buffer(buffer: ReplayBuffer, state: dict[str, Any]) -> None:
@@ -102,6 +122,8 @@ def load_buffer(buffer: ReplayBuffer, state: dict[str, Any]) -> None:
     # Those of version 0.1 are not packed.
     buffer.extend(rows_of(rows if isinstance(rows, dict) else _unpacked(rows)))
     buffer.writer.load_state_dict(state["writer"])
+    if has_priorities(buffer):
+        buffer.sampler.load_state_dict(state["sampler"])
 
 
 def _packed(tensors: dict[str, Tensor]) -> Tensor:

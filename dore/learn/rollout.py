@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from dore.world.episode import Episodes, advance, begin
+from dore.world.board import bit
+from dore.world.episode import Episodes, advance, begin, resumed
 from dore.world.problem import Batch
 from dore.world.reach import Reach
-from dore.world.rules import Failure
+from dore.world.rules import Failure, lift
 
 Choose = Callable[[Episodes], tuple[Tensor, Tensor]]
 """B episodes -> the cells Int64[B] to pick from and to place on."""
@@ -43,22 +44,43 @@ class Rollout:
 
 
 @torch.no_grad()
-def greedy_rollout(choose: Choose, reach: Reach, batch: Batch, max_moves: int) -> Rollout:
-    """Play every instance greedily until it is solved, fails, or has made `max_moves` moves."""
+def greedy_rollout(choose: Choose, reach: Reach, batch: Batch, max_moves: int, backtrack: bool = False) -> Rollout:
+    """Play every instance greedily until it is solved, fails, or has made `max_moves` moves.
+
+    backtrack: where no legal move is left, take the last move back and choose again; no board is visited twice. Moves
+    that are taken back count towards `max_moves`, but not in `n_moves`: what is left is one way from the start.
+    """
     n, device = len(batch.target), batch.target.device
     pick = torch.zeros(n, max_moves, dtype=torch.int64, device=device)
     place = torch.zeros_like(pick)
     n_moves = torch.zeros(n, dtype=torch.int64, device=device)
     rows, episodes = torch.arange(n, device=device), begin(reach, batch, max_moves)
     solved, failure = episodes.solved.clone(), episodes.failure.clone()
-    for step in range(max_moves):
+    for _ in range(max_moves):
         going = (~episodes.solved & (episodes.failure == Failure.NONE)).nonzero().squeeze(-1)
         if not len(going):
             break
         rows, episodes = rows[going], episodes.at(going)
         chosen = choose(episodes)
-        pick[rows, step], place[rows, step] = chosen
+        pick[rows, n_moves[rows]], place[rows, n_moves[rows]] = chosen
         episodes, _ = advance(reach, episodes, *chosen)
         solved[rows], failure[rows] = episodes.solved, episodes.failure
         n_moves[rows] += episodes.accepted.long()
+        if backtrack:
+            episodes = _taken_back(reach, episodes, rows, pick, place, n_moves)
+            failure[rows] = episodes.failure
     return Rollout(pick, place, n_moves, solved, failure)
+
+
+def _taken_back(
+    reach: Reach, episodes: Episodes, rows: Tensor, pick: Tensor, place: Tensor, n_moves: Tensor
+) -> Episodes:
+    """The episodes, those without a legal move where they last had one; `n_moves` falls by as many moves."""
+    while len(stuck := ((episodes.failure == Failure.NO_LEGAL_MOVE) & (n_moves[rows] > 0)).nonzero().squeeze(-1)):
+        row = rows[stuck]
+        n_moves[row] -= 1
+        last = n_moves[row]
+        now = episodes.at(stuck)
+        board = lift(now.board, place[row, last]) | bit(pick[row, last], reach.n_words)
+        episodes = episodes.put(stuck, resumed(reach, board, now.target, now.visited, now.steps))
+    return episodes

@@ -169,6 +169,8 @@ class Trainer:
         with memory_for("training.batch_size", f"{budget.batch_size} x training.updates {budget.updates}"):
             sample = world.draw(burst)
             losses = [] if sample is None else self.learner.learn(sample, world.lessons)
+            if sample is not None:
+                world.learned(sample)
         if losses:
             self.progress.updates += len(losses)
             self.progress.loss = float(torch.stack(losses).mean())

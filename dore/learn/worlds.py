@@ -8,13 +8,14 @@ from tensordict import TensorDictBase
 from torchrl.data import ReplayBuffer
 
 from dore.errors import InputError
+from dore.learn import keys
 from dore.learn.agents.common import Agent
 from dore.learn.budget import Budget
 from dore.learn.env import RearrangeEnv
 from dore.learn.evaluator import PerformanceTest, TestResult
 from dore.learn.memory import memory_for
 from dore.learn.player import Burst, Player, burst_of, burst_state
-from dore.learn.replay import buffer_state, check_uniform, draw_in_order, load_buffer, restore
+from dore.learn.replay import buffer_state, check_uniform, draw, draw_in_order, has_priorities, load_buffer, restore
 from dore.learn.teachers.exact import ExactTeacher, Lessons
 
 
@@ -24,14 +25,14 @@ class World:
     Args:
         env: plays the training instances.
         agent: the learner's, on this world's reach.
-        buffer: the replay; uniform, or with a `sample` of its own, which only `update_after=round` calls.
+        buffer: the replay; uniform, prioritised, or with a `sample` of its own; the last two for `update_after=round`.
         evaluator: tests on the validation instances.
         budget: how much is stored and drawn, and when.
         teacher: labels what is played, on this world's reach; None: the learner learns from its rewards alone.
 
     Raises:
-        InputError: a sampler that is not uniform, a `sample` of its own that would not be called, or a teacher with
-            updates after anything else than a round.
+        InputError: a sampler of another kind, one that `update_after` or the teacher does not go with, or a teacher
+            with updates after anything else than a round or with returns of several steps.
     """
 
     def __init__(
@@ -43,9 +44,14 @@ class World:
         budget: Budget,
         teacher: ExactTeacher | None = None,
     ) -> None:
-        check_uniform(buffer)
+        if not has_priorities(buffer):
+            check_uniform(buffer, ", or Prioritized")
+        elif teacher or budget.update_after != "round":
+            check_uniform(buffer, f" with {'a teacher' if teacher else 'training.update_after=' + budget.update_after}")
         if teacher and budget.update_after != "round":
             raise InputError(f"training.update_after: got {budget.update_after}, want round with a teacher")
+        if teacher and agent.n_steps > 1:
+            raise InputError(f"agent.n_steps: got {agent.n_steps}, want 1 with a teacher")
         if budget.update_after != "round" and type(buffer).sample is not ReplayBuffer.sample:
             raise InputError(
                 f"training.update_after: {budget.update_after} draws by itself, want round for this buffer"
@@ -93,12 +99,17 @@ class World:
         # Drawn all at once, which is costly in small batches.
         if budget.update_after == "round":
             self._store(burst.rows)
-            sample = buffer.sample(n) if len(buffer) >= budget.learning_starts else None
+            sample = draw(buffer, n) if len(buffer) >= budget.learning_starts else None
         else:
             late = burst.stored[len(buffer) + burst.stored >= budget.learning_starts]
             sample = draw_in_order(buffer, burst.rows, late, n) if len(late) else None
             self._store(burst.rows)
         return None if sample is None else restore(sample)
+
+    def learned(self, sample: TensorDictBase) -> None:
+        """Give what was drawn the priorities that follow from its errors, where the replay has any."""
+        if has_priorities(self.buffer):
+            self.buffer.update_priority(sample[keys.INDEX], sample[keys.ERROR].squeeze(-1))
 
     def test(self) -> TestResult:
         """An IPT of the greedy policy."""
@@ -124,7 +135,7 @@ class World:
             "env_steps": self.env_steps,
             "steps": self._steps,
             "buffer": buffer_state(self.buffer),
-            "player": self.player.state_dict(),
+            "player": self.player.state_dict() if self._steps else None,  # It has not begun.
             "left": None if self._left is None else burst_state(self._left),
             "ipt_generator": self.evaluator.generator.get_state(),
         }
@@ -134,6 +145,7 @@ class World:
         self.filled, self.env_steps, self._steps = state["filled"], state["env_steps"], state["steps"]
         with memory_for("buffer.storage.max_size", self.buffer.storage.max_size):
             load_buffer(self.buffer, state["buffer"])
-        self.player.load_state_dict(state["player"])
+        if state["player"] is not None:
+            self.player.load_state_dict(state["player"])
         self._left = None if state["left"] is None else burst_of(state["left"])
         self.evaluator.generator.set_state(state["ipt_generator"])

@@ -6,7 +6,7 @@ import os
 import time
 
 from dore.configure import make
-from dore.errors import InputError, path_of, whole
+from dore.errors import InputError, flag, path_of, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.rollout import greedy_rollout
@@ -25,6 +25,8 @@ class Learned(Planner):
         reach: may differ from the one trained on; the layout only where the networks serve every layout.
         model: a run directory or a model file; None: the one in the package, which does.
         max_moves: gives up after this many.
+        backtrack: where no legal move is left, take the last one back and choose again (the paper's policy fails
+            there); moves that are taken back count towards `max_moves`, but are not in the plan.
 
     Raises:
         InputError: no such model, a damaged one, or one of another layout.
@@ -32,9 +34,12 @@ class Learned(Planner):
 
     name = "learned"
 
-    def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
+    def __init__(
+        self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int, backtrack: bool = False
+    ) -> None:
         self.reach = reach
         self.max_moves = whole("planners.learned.max_moves", max_moves, 1, at_most=MAX_MOVES)
+        self.backtrack = flag("planners.learned.backtrack", backtrack)
         self._file = SHIPPED if model is None else path_of("model", model)
         self._weights, self._config = load_model(self._file)
         self.agent = self.copy_of_agent()
@@ -61,6 +66,6 @@ class Learned(Planner):
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """The greedy episodes, all at once."""
         began = time.perf_counter()
-        rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves)
+        rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves, self.backtrack)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         return [raw_plan_of(rollout, row, share) for row in range(len(batch.target))]

@@ -145,9 +145,10 @@ def test_the_generalist_stops_and_resumes_as_if_it_had_not(tmp_path):
     assert len(plans) == 5
 
 
-def test_a_stopped_run_on_three_worlds_resumes_as_if_it_had_not(tmp_path):
+@pytest.mark.parametrize("iteration", [1, 31])
+def test_a_stopped_run_on_three_worlds_resumes_as_if_it_had_not(tmp_path, iteration):
     common = [*THREE, "training.update_after=episode", "training.fill=20", "training.lr_end=0.1"]
-    whole, parts = stopped_and_resumed(tmp_path, common, iteration=31)
+    whole, parts = stopped_and_resumed(tmp_path, common, iteration)
     assert same(whole, parts)
     assert metrics(tmp_path / "whole") == metrics(tmp_path / "parts")
 

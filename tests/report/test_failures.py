@@ -37,32 +37,32 @@ def untrained(tmp_path_factory):
 
 
 def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
-    boards = boards_of("3x6_z3-7", untrained, 60)
-    assert [board.row["instance"] for board in boards] == list(range(1, 61))
+    boards = boards_of("3x6_wide_hand", untrained, 40)
+    assert [board.row["instance"] for board in boards] == list(range(1, 41))
     failed = [board for board in boards if board.row["stop_reason"]]
     assert failed
-    for board in failed:
-        mistake = board.mistake
+    for row, mistake in failed:
         assert mistake is not None
-        assert mistake.before == board.row["optimum"] - (mistake.number - 1)
+        assert mistake.before == row["optimum"] - (mistake.number - 1)
         assert mistake.after is None or mistake.after >= mistake.before
         assert (mistake.best.pick, mistake.best.place) != (mistake.panel.move.pick, mistake.panel.move.place)
         assert mistake.panel.move.pick in mistake.panel.problem.scene.obstacles
-        if mistake.number == 1:
-            assert mistake.now == board.row["now"]
-    assert all(board.mistake is None for board in boards if not board.row["stop_reason"])
+        assert (row["choice"] == "place") == (mistake.best.pick == mistake.panel.move.pick) or row["choice"] == "place"
+        assert row["nearer"] + row["level"] + row["farther"] <= row["made"]
+        assert row["nearest"] <= row["optimum"] - (mistake.number - 1)
+    assert all(board.mistake is None and board.row["made"] is None for board in boards if not board.row["stop_reason"])
 
 
 def rows(above: tuple[int, int], below: tuple[int, int]) -> list[dict[str, object]]:
-    """(solved, failed) boards whose optimum is above `now`, and others; one that has no plan, one that is undecided."""
-    lost = {"mistake": 5, "mistake_now": 1, "before": 2, "after": 2}
+    """(solved, failed) boards of eight moves, whose cost is four lower or the same; and a short one that is solved."""
+    lost = {"made": 10, "nearest": 2, "nearer": 5, "level": 3, "farther": 2}
+    lost |= {"mistake": 5, "before": 2, "after": 2, "choice": "place"}
     found = []
-    for now, (solved, failed) in ((1, above), (2, below)):
-        board = {"column": "8x8_z3-13", "instance": 1, "status": "solved", "optimum": 2, "now": now}
+    for now, (solved, failed) in ((4, above), (8, below)):
+        board = {"world": "8x8_paper_fit", "instance": 1, "obstacles": 30, "optimum": 8, "now": now}
         found += [board | {"stop_reason": None} | dict.fromkeys(lost)] * solved
         found += [board | {"stop_reason": "move budget"} | lost] * failed
-    none = found[0] | {"optimum": None, "stop_reason": None} | dict.fromkeys(lost)
-    return [*found, none | {"status": "unsolvable"}, none | {"status": "gave_up"}]
+    return [*found, found[0] | {"optimum": 2, "stop_reason": None} | dict.fromkeys(lost)]
 
 
 def page_of(folder, *of: tuple[int, int]) -> str:
@@ -71,41 +71,43 @@ def page_of(folder, *of: tuple[int, int]) -> str:
 
 
 def test_the_words_follow_the_numbers(tmp_path):
-    most = page_of(tmp_path, (17, 83), (4784, 16))
-    assert "4902 boards, 4900 can be solved, 1 are undecided. The network fails on 99 of" in most
-    assert "on 83 of 99 failures (83.8 [" in most
-    assert "on 100 of all 4900 boards (2.0 [" in most
-    assert "249 times as often" in most
-    assert "most failures are" in most
-    assert "| 1 | 100 | 2.0 | 83 | 83.8 | 83.0 [74.5, 89.1] |" in most
-    assert most.index("| 0 | 4800 |") < most.index("| 1 | 100 |")
-    for line in ("| step limit | 99 | 100.0 |", "| move 4 or later | 99 |", "| a move: the distance stays | 99 |"):
-        assert line in most, line
-    assert "though not most" in page_of(tmp_path, (60, 40), (4700, 100))
-    assert "do not explain" in page_of(tmp_path, (100, 0), (4800, 50))
+    more = page_of(tmp_path, (17, 83), (84, 16))
+    assert "201 boards, each with a proved plan; the network fails on 49.3 [" in more
+    assert "of those of seven moves and more on 49.5 [" in more
+    assert "| 8 x 8, paper_fit | 201 | 99 | 0.0 | 49.5 |" in more
+    assert "where the costs promise progress that is not there" in more
+    assert "| 7-8 | 200 | 99 | 49.5 [" in more
+    assert "| 0 or less | 100 | 16 | 16.0 [" in more
+    assert "| all | 990.0 | 50.0 | 30.0 | 20.0 |" in more
+    for line in (
+        "| step limit | 99 | 100.0 |",
+        "| move 4 or later | 99 |",
+        "| it costs a move: the distance stays | 99 |",
+    ):
+        assert line in more, line
+    assert "do not differ by more than chance" in page_of(tmp_path, (50, 50), (52, 48))
+    assert "in vain does not explain" in page_of(tmp_path, (100, 0), (50, 50))
     none = page_of(tmp_path, (0, 0), (10, 3))
-    assert "on 0 of all 13 boards" in none
-    assert "fails on - of such boards" in none
+    assert "promise" not in none
     assert "nan" not in none
-    assert "The optimum is above" not in page_of(tmp_path, (2, 0), (10, 0))
 
 
 def test_rows_and_a_picture(untrained, tmp_path, capsys):
     out, picture = tmp_path / "measured", tmp_path / "new" / "failures.png"
-    words = [f"out={out}", f"model={untrained}", "boards=40", f"picture={picture}"]
-    assert run(main, Options, [*words, "columns=[3x6_z3-7,5x5_z3-8]"]) == 0
-    assert len((out / "rows.csv").read_text(encoding="utf-8").splitlines()) == 81
+    words = [f"out={out}", f"model={untrained}", "boards=12", f"picture={picture}"]
+    assert run(main, Options, [*words, "worlds=[3x6_wide_hand,5x5_paper_fit]"]) == 0
+    assert len((out / "rows.csv").read_text(encoding="utf-8").splitlines()) == 25
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert run(main, Options, [*words, "columns=[3x6]"]) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("failures: columns: got '3x6', want LAYOUT_INSTANCES")
+    assert run(main, Options, [*words, "worlds=[3x6]"]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("failures: worlds: got '3x6', want LAYOUT_REACH")
     ended = subprocess.run([sys.executable, "-m", "scripts.failures", f"out={out}", "boards=0"], capture_output=True)
     assert (ended.returncode, ended.stderr[:23]) == (2, b"failures: boards: got 0")
     with pytest.raises(InputError, match="got no rows"):
         write_measurements(out, [])
 
 
-def test_columns_take_turns(untrained):
-    columns = [boards_of(name, untrained, 40) for name in ("3x6_z3-7", "5x5_z3-8")]
-    assert [board.row["column"] for board in drawn_of(columns)] == ["3x6_z3-7"] * 3 + ["5x5_z3-8"] * 3
-    assert len(drawn_of(columns[:1])) == MOST
+def test_worlds_take_turns(untrained):
+    worlds = [boards_of(name, untrained, 20) for name in ("3x6_wide_hand", "5x5_wide_hand")]
+    assert [board.row["world"] for board in drawn_of(worlds)] == ["3x6_wide_hand", "5x5_wide_hand"] * 3
+    assert len(drawn_of(worlds[:1])) == MOST
     assert drawn_of([]) == []

@@ -18,7 +18,7 @@ from torchrl.data import Categorical, Composite
 from torchrl.modules import EGreedyModule, QValueModule
 
 from dore.configure import call, make
-from dore.errors import InputError, flag, number, one_of
+from dore.errors import InputError, flag, number, one_of, whole
 from dore.learn import keys
 from dore.learn.features import Encoding, encode
 from dore.learn.networks import NetworkFactory
@@ -37,6 +37,7 @@ class Hyperparameters:
     double: double Q-learning (the paper's DQN is plain).
     loss_function: smooth_l1 or l2 (the paper's, eq. 3).
     symmetry: learn from each stored move or its mirror image, at random (the paper does not).
+    n_steps: learn from what so many moves bring; 1, as in the paper: from each move alone.
 
     Raises:
         InputError: a value outside its domain.
@@ -48,10 +49,12 @@ class Hyperparameters:
     double: bool
     loss_function: Literal["smooth_l1", "l2"]
     symmetry: bool
+    n_steps: int = 1  # Model files up to 0.3 do not name it.
 
     def __post_init__(self) -> None:
         flag("agent.double", self.double)
         flag("agent.symmetry", self.symmetry)
+        whole("agent.n_steps", self.n_steps, 1, at_most=255)
         number("agent.gamma", self.gamma, above=0.0, at_most=1.0)
         one_of("agent.mask_mode", self.mask_mode, MaskMode)
         one_of("agent.encoding", self.encoding, Encoding)
@@ -86,7 +89,7 @@ class Agent(ABC):
             raise InputError("agent.symmetry: true, but this layout has no mirror image; want false")
         self.reach = reach
         self.encoding, self.mask_mode = hyperparameters.encoding, hyperparameters.mask_mode
-        self.symmetry = hyperparameters.symmetry
+        self.symmetry, self.n_steps = hyperparameters.symmetry, hyperparameters.n_steps
 
     @property
     def serves_every_layout(self) -> bool:

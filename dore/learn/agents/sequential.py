@@ -9,7 +9,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor
 
-from dore.errors import one_of
+from dore.errors import InputError, one_of
 from dore.learn import keys
 from dore.learn.agents.common import Agent, Greedy, Hyperparameters, never_empty
 from dore.learn.features import mirrored_by_chance, n_planes
@@ -55,6 +55,8 @@ class Sequential(Agent):
         one_of("agent.chain", chain, Chain)
         one_of("agent.failed_pick", failed_pick, FailedPick)
         one_of("agent.trunk", trunk, Trunk)
+        if shared.n_steps > 1 and chain == "literal":
+            raise InputError(f"agent.n_steps: got {shared.n_steps}, want 1 with agent.chain=literal")
         self.chain, self.trunk = chain, trunk
         planes, cells = n_planes(self.encoding, with_mask=True), reach.n_cells
         if trunk == "shared":
@@ -138,6 +140,7 @@ class Sequential(Agent):
         on_lifted = self._entry(lifted, target, *(("pick", "place") if literal else ("place",)))
         after = self._entry(following, target, "place" if literal else "pick")
         after.update(batch["next"].select(keys.TERMINATED, keys.PLACE_REWARD, keys.PICK_REWARD, strict=False))
+        after.update(batch.select(keys.STEPS, strict=False))
         decoded.update(
             {"place": on_lifted["place"], keys.PICK: pick, keys.PLACE: place, keys.PICKED: picked, "next": after}
         )

@@ -106,6 +106,7 @@ class Single(Agent):
         decoded = self._entry(board, target)
         after = self._entry(following, target)
         after.update(batch["next"].select(keys.TERMINATED, keys.PLACE_REWARD))
+        after.update(batch.select(keys.STEPS, strict=False))
         return decoded.update({keys.SLOT: slot, keys.PLACE: place, "next": after})
 
     def _mirror(
