@@ -1,7 +1,8 @@
 """Prioritised experience replay (Schaul et al., 2016; not in the paper), in plain tensors.
 
 TorchRL's `PrioritizedSampler` needs TorchRL's compiled extension, which does not load beside every version of torch
-(pytorch/rl#3508). This one needs none, works on any device, draws by torch's random state and is kept in checkpoints.
+(pytorch/rl#3508). This one needs none, draws by torch's random state and is kept in checkpoints. Priorities are on
+the CPU, wherever the transitions are.
 """
 
 from __future__ import annotations
@@ -47,20 +48,24 @@ class Prioritized(Sampler):
         missing = int(index.max()) + 1 - len(self._shares) if len(index) else 0
         if missing > 0:
             more = max(missing, len(self._shares))  # Doubled, so that filling a buffer copies little.
-            self._shares = torch.cat([self._shares.to(index.device), torch.zeros(more, device=index.device)])
-        self.update_priority(index, torch.full(index.shape, self._highest, device=index.device))
+            self._shares = torch.cat([self._shares, torch.zeros(more)])
+        self.update_priority(index, torch.full(index.shape, self._highest))
+
+    def add(self, index: int) -> None:
+        """The same for one."""
+        self.extend(torch.tensor([index]))
 
     def update_priority(self, index: Tensor, priority: Tensor, *, storage: Storage | None = None) -> None:
         """Set the priorities Float[M] of the transitions at Int64[M] places."""
         if len(index):
             self._highest = max(self._highest, float(priority.max()))
-            self._shares[index] = (priority.to(self._shares.dtype) + SMALLEST) ** self.alpha
+            self._shares[index.cpu()] = (priority.float().cpu() + SMALLEST) ** self.alpha
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Tensor, dict[str, Tensor]]:
         """Int64[M]: places, drawn with replacement; and Float[M] `priority_weight`, at most 1."""
         shares = self._shares[: len(storage)]
         total = shares.double().cumsum(0)
-        drawn = torch.rand(batch_size, dtype=total.dtype, device=total.device) * total[-1]
+        drawn = torch.rand(batch_size, dtype=total.dtype) * total[-1]
         index = torch.searchsorted(total, drawn, right=True).clamp_max(len(shares) - 1)
         return index, {"priority_weight": (shares[index] / shares.min()) ** -self.beta}
 
@@ -70,7 +75,7 @@ class Prioritized(Sampler):
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Continue as the sampler whose `state_dict` this is."""
-        self._shares, self._highest = state_dict["shares"].to(self._shares.device), state_dict["highest"]
+        self._shares, self._highest = state_dict["shares"].clone(), state_dict["highest"]
 
     def dumps(self, path: str | Path) -> None:
         """Write the priorities to a file."""

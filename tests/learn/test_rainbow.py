@@ -111,6 +111,14 @@ def test_a_new_transition_has_the_highest_priority_also_where_an_old_one_was():
     assert set(drawn.tolist()) == {100, 101}, "0, which had a priority of 9, was overwritten"
 
 
+def test_transitions_that_are_added_one_by_one_are_drawn_too():
+    torch.manual_seed(0)
+    buffer = ReplayBuffer(storage=LazyTensorStorage(8), sampler=Prioritized(0.5, 0.5))
+    for one in range(3):
+        buffer.add(TensorDict({"id": torch.tensor(one)}))
+    assert set(buffer.sample(100)["id"].tolist()) == {0, 1, 2}
+
+
 def test_alpha_0_is_uniform_and_bad_shares_are_refused():
     torch.manual_seed(0)
     buffer = buffer_of(4, alpha=0.0)
