@@ -114,8 +114,15 @@ def path_of(name: str, value: object) -> Path:
     return Path(value)
 
 
-def number(name: str, value: object, above: float = -math.inf, at_most: float = math.inf, unit: str = "") -> float:
-    """`value` as a finite float in (above, at_most]; numbers of NumPy and torch will do.
+def number(
+    name: str,
+    value: object,
+    above: float = -math.inf,
+    at_most: float = math.inf,
+    unit: str = "",
+    at_least: float = -math.inf,
+) -> float:
+    """`value` as a finite float in (above, at_most], and at least `at_least`; numbers of NumPy and torch will do.
 
     Args:
         unit: what the message says that the number is in.
@@ -124,8 +131,9 @@ def number(name: str, value: object, above: float = -math.inf, at_most: float = 
         InputError: it is no number, not finite, or outside the interval.
     """
     found = _real(value)
-    if not math.isfinite(found) or not above < found <= at_most:
-        bounds = [f"above {above:g}"] * (above > -math.inf) + [f"at most {at_most:g}"] * (at_most < math.inf)
+    if not math.isfinite(found) or not above < found <= at_most or found < at_least:
+        bounds = [f"above {above:g}"] * (above > -math.inf) + [f"of {at_least:g} or more"] * (at_least > -math.inf)
+        bounds += [f"at most {at_most:g}"] * (at_most < math.inf)
         wanted = "want a finite number" + " and".join(f" {bound}" for bound in bounds)
         raise InputError(f"{name}: got {shown(value)}, {wanted}" + f" ({unit})" * bool(unit))
     return found

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
+from torch import Tensor
 
 from dore.app import build
 from dore.draw.board_art import LEGEND, draw_legend
@@ -27,7 +28,7 @@ from dore.learn.corridor_features import corridor_costs
 from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
 from dore.report.panels import panels
-from dore.world.labeller import Labeller
+from dore.world.labeller import UNKNOWN, Labeller
 from dore.world.plan import Move, Plan, Status
 from dore.world.problem import Batch, Problem
 from scripts.program import composed, run
@@ -52,6 +53,8 @@ class Options:
     picture: Path = Path("docs/results/failures.png")
 
     def __post_init__(self) -> None:
+        if not self.worlds:
+            raise InputError("worlds: got [], want one or more")
         for name in self.worlds:
             if not re.fullmatch(r"\d+x\d+_[a-z_]+", name):
                 raise InputError(f"worlds: got {name!r}, want LAYOUT_REACH, as 3x6_paper_fit")
@@ -63,8 +66,8 @@ class Mistake:
 
     number: the move's, from 1. panel: the board before it, and the move. best: the first move of a shortest plan from
     there. before, after: the fewest moves before and after the network's move; `after` is None where there is no plan,
-    or no proof in time. choice: what was wrong: `pick`, no place for this obstacle would have been optimal; else
-    `place`.
+    or no proof in time. choice: what was wrong: `pick`, no place for this obstacle would have been optimal; `place`,
+    another one would; `not decided`.
     """
 
     number: int
@@ -92,10 +95,10 @@ class Board(NamedTuple):
 def main(options: Options) -> None:
     """Write the rows and the picture."""
     worlds = [boards_of(name, options.model, options.boards) for name in options.worlds]
-    options.picture.parent.mkdir(parents=True, exist_ok=True)
-    draw(options.picture, worlds)
     rows = [board.row for boards in worlds for board in boards]
     write_measurements(options.out, rows, weights=options.model.name, proof_s=PROOF_S)
+    options.picture.parent.mkdir(parents=True, exist_ok=True)
+    draw(options.picture, worlds)
 
 
 def boards_of(name: str, model: Path, boards: int) -> list[Board]:
@@ -143,9 +146,16 @@ def way_of(problem: Problem, tried: Plan, exact: Planner) -> tuple[dict[str, Any
         return way, None
     before, panel = int(left[wrong] or 0), shown[wrong]
     wasted = Labeller(problem.reach, MAX_NODES, MAX_MOVES).label(boards[wrong]).wasted[0]
-    choice = "place" if panel.move and bool((wasted[panel.move.pick] == 0).any()) else "pick"
+    choice = choice_of(wasted[panel.move.pick]) if panel.move else "not decided"
     mistake = Mistake(wrong + 1, panel, plans[wrong].moves[0], before, left[wrong + 1], choice)
     return way | {key: getattr(mistake, {"mistake": "number"}.get(key, key)) for key in WAY[5:]}, mistake
+
+
+def choice_of(wasted: Tensor) -> str:
+    """What was wrong, from the labels Int8[G] of the picked obstacle's places."""
+    if bool((wasted == 0).any()):
+        return "place"
+    return "not decided" if bool((wasted == UNKNOWN).any()) or not bool((wasted >= 0).any()) else "pick"
 
 
 def drawn_of(worlds: Sequence[Sequence[Board]]) -> list[Board]:
@@ -156,10 +166,9 @@ def drawn_of(worlds: Sequence[Sequence[Board]]) -> list[Board]:
 
 
 def draw(path: Path, worlds: Sequence[Sequence[Board]]) -> None:
-    """Write the PNG, two boards a failure, two failures a line; no file where nothing fails."""
+    """Write the PNG, two boards a failure, two failures a line; none where nothing fails."""
     shown = [side for board in drawn_of(worlds) for side in sides(board)]
     if not shown:
-        path.unlink(missing_ok=True)
         return
     figure, places = panels(len(shown), 4, 3.4, 4.0)
     for axes, (title, panel) in zip(places, shown, strict=True):

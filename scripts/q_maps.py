@@ -56,7 +56,7 @@ class Options:
 class Wanted:
     """Which board to draw: the first of the validation split's that needs so many moves.
 
-    right: whether the network's first move is that of a shortest plan; None: either.
+    about: in the title. right: whether the network's first move is that of a shortest plan; None: either.
     """
 
     layout: str

@@ -19,6 +19,10 @@ LEARNING = (
 """The keys of a run's config that say what it learns, and that every run has."""
 LATER = ("worlds", "teacher", "init")
 """More of them, which runs of earlier versions do not have."""
+PARTS = ("buffer", "network")
+"""Those below which a key that a run does not have means another part, as a sampler."""
+FIRST = {"agent.n_steps": 1}
+"""What runs that do not have a key learned by."""
 BUDGET_KEYS = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
 """Those of its budget, which alone may change when it is resumed."""
 
@@ -48,7 +52,8 @@ def check_learns(who: str, was: Mapping[str, Any], now: Mapping[str, Any]) -> No
     Raises:
         InputError: they do not; names the first key that differs.
     """
-    added = [key for key in now if key.split(".")[0] in LATER and key not in was and now[key] is not None]
+    added = [key for key in now if key not in was and (key.split(".")[0] in (*LATER, *PARTS) or key in FIRST)]
     for key in (*was, *added):
-        if now.get(key) != was.get(key):
-            raise InputError(f"{who} was started with {key}={was.get(key)}, not {now.get(key)}")
+        before = was.get(key, FIRST.get(key))
+        if now.get(key) != before:
+            raise InputError(f"{who} was started with {key}={before}, not {now.get(key)}")

@@ -7,6 +7,8 @@ from typing import Any, Self
 
 from torch import Tensor, nn
 
+from dore.configure import call
+from dore.errors import InputError, shown
 from dore.learn.networks import NetworkFactory
 from dore.world.reach import Reach
 
@@ -19,12 +21,17 @@ class Dueling(nn.Module):
 
     Args:
         body: makes the network inside.
+
+    Raises:
+        InputError: no body, or one that does not fit.
     """
 
     def __init__(self, reach: Reach, n_planes: int, n_outputs: Sequence[int], body: NetworkFactory) -> None:
         super().__init__()
+        if not callable(body):
+            raise InputError(f"network.body: got {shown(body)}, want a network (network@network.body=mlp)")
         doubled = [n for n in n_outputs for _ in range(2)]
-        self.body: Any = body(reach=reach, n_planes=n_planes, n_outputs=doubled)
+        self.body: Any = call(body, "network.body", reach=reach, n_planes=n_planes, n_outputs=doubled)
 
     @property
     def serves_every_layout(self) -> bool:

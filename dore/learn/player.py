@@ -62,7 +62,7 @@ class Player:
     With `unit="episode"` the steps of an episode wait until it ends, and then come one after the other: the stores and
     updates have the order of a single environment that plays one episode after the other. What many environments
     change is that an episode is played by weights that are some updates old: no more than the updates made while it
-    lasts. So they wait where returns are of several steps (`agent.n_steps`).
+    lasts. With `agent.n_steps` above 1 steps wait too.
     """
 
     def __init__(self, env: RearrangeEnv, agent: Agent, unit: Unit, teacher: ExactTeacher | None = None) -> None:

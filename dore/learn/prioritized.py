@@ -24,7 +24,9 @@ SMALLEST = 1e-8
 class Prioritized(Sampler):
     """Draws a transition in proportion to its priority to the power of `alpha`; a new one has the highest so far.
 
-    A drawn transition's weight is `(p / p_min) ** -beta`, which makes up for how often it is drawn.
+    A drawn transition's weight is `p ** -beta`, which makes up for how often it is drawn. The loss is the mean weighted
+    by it, as in TorchRL: only the ratios of weights matter, and an update is not made smaller, as it is by Schaul and
+    others, who also let beta rise to 1.
 
     Args:
         alpha: 0: uniform; 1: in proportion to the priority.
@@ -35,8 +37,8 @@ class Prioritized(Sampler):
     """
 
     def __init__(self, alpha: float, beta: float) -> None:
-        self.alpha = number("buffer.sampler.alpha", alpha, above=-1e-12, at_most=1.0)
-        self.beta = number("buffer.sampler.beta", beta, above=-1e-12, at_most=1.0)
+        self.alpha = number("buffer.sampler.alpha", alpha, at_least=0.0, at_most=1.0)
+        self.beta = number("buffer.sampler.beta", beta, at_least=0.0, at_most=1.0)
         self._empty()
 
     def _empty(self) -> None:
@@ -62,12 +64,12 @@ class Prioritized(Sampler):
             self._shares[index.cpu()] = (priority.float().cpu() + SMALLEST) ** self.alpha
 
     def sample(self, storage: Storage, batch_size: int) -> tuple[Tensor, dict[str, Tensor]]:
-        """Int64[M]: places, drawn with replacement; and Float[M] `priority_weight`, at most 1."""
+        """Int64[M]: places, drawn with replacement; and Float[M] `priority_weight`."""
         shares = self._shares[: len(storage)]
         total = shares.double().cumsum(0)
         drawn = torch.rand(batch_size, dtype=total.dtype) * total[-1]
         index = torch.searchsorted(total, drawn, right=True).clamp_max(len(shares) - 1)
-        return index, {"priority_weight": (shares[index] / shares.min()) ** -self.beta}
+        return index, {"priority_weight": shares[index] ** -self.beta}
 
     def state_dict(self) -> dict[str, Any]:
         """The priorities."""
@@ -84,3 +86,8 @@ class Prioritized(Sampler):
     def loads(self, path: str | Path) -> None:
         """Read the priorities from a file."""
         self.load_state_dict(torch.load(path, weights_only=True))
+
+
+def weighted_mean(loss: Tensor, weights: Tensor) -> Tensor:
+    """The mean of Float[B], weighted by Float[B]; 0 where all weights are."""
+    return (loss * weights).sum() / weights.sum().clamp_min(torch.finfo(weights.dtype).tiny)

@@ -23,6 +23,7 @@ from torchrl.objectives.utils import ValueEstimators, distance_loss
 
 from dore.errors import number
 from dore.learn import keys
+from dore.learn.prioritized import weighted_mean
 
 MaskMode = Literal["legal", "literal"]
 FailedPick = Literal["skip", "punish"]
@@ -59,7 +60,7 @@ class QLoss(LossModule):
 
     `forward` returns `out_keys`, and writes each row's squared error, summed over both heads, to the input under
     `tensor_keys.priority` for prioritised replay. Importance weights under `tensor_keys.priority_weight` are applied.
-    Neither is done for a batch whose targets were computed ahead (`with_targets`).
+    Neither for a batch whose targets were computed ahead (`with_targets`).
 
     Args:
         online: the networks by name; each becomes functional, with target parameters.
@@ -239,10 +240,11 @@ class QLoss(LossModule):
             distance_loss(value, target, self.loss_function).squeeze(-1)
             for value, target in ((pick, pick_target), (place, place_target))
         ]
-        return TensorDict(
-            loss_pick=self._reduce_loss(losses[0], weights=weights),
-            loss_place=self._reduce_loss(losses[1], mask=counted, weights=weights),
-        )
+        if weights is not None and counted is not None and self.reduction == "mean":
+            loss_place = weighted_mean(losses[1], weights * counted)  # TorchRL's is NaN where no row counts.
+        else:
+            loss_place = self._reduce_loss(losses[1], mask=counted, weights=weights)
+        return TensorDict(loss_pick=self._reduce_loss(losses[0], weights=weights), loss_place=loss_place)
 
 
 def _values(network: TensorDictModule, batch: TensorDictBase) -> Values:

@@ -26,7 +26,8 @@ class Rollout:
     """How the episodes went.
 
     pick, place: Int64[B, T] cells, meaningful for the first `n_moves` of a row.
-    n_moves: Int64[B], accepted moves.
+    n_moves: Int64[B], accepted moves that were not taken back.
+    tried: Int64[B], choices made.
     solved: Bool[B].
     failure: Int64[B], a `Failure` code; NONE where solved or where the step limit came first.
     """
@@ -34,11 +35,12 @@ class Rollout:
     pick: Tensor
     place: Tensor
     n_moves: Tensor
+    tried: Tensor
     solved: Tensor
     failure: Tensor
 
     def moves(self, row: int) -> list[tuple[int, int]]:
-        """The accepted moves of a row."""
+        """The moves of a row, those that were taken back left out."""
         n = int(self.n_moves[row])
         return list(zip(self.pick[row, :n].tolist(), self.place[row, :n].tolist(), strict=True))
 
@@ -53,7 +55,7 @@ def greedy_rollout(choose: Choose, reach: Reach, batch: Batch, max_moves: int, b
     n, device = len(batch.target), batch.target.device
     pick = torch.zeros(n, max_moves, dtype=torch.int64, device=device)
     place = torch.zeros_like(pick)
-    n_moves = torch.zeros(n, dtype=torch.int64, device=device)
+    n_moves, tried = (torch.zeros(n, dtype=torch.int64, device=device) for _ in range(2))
     rows, episodes = torch.arange(n, device=device), begin(reach, batch, max_moves)
     solved, failure = episodes.solved.clone(), episodes.failure.clone()
     for _ in range(max_moves):
@@ -66,10 +68,11 @@ def greedy_rollout(choose: Choose, reach: Reach, batch: Batch, max_moves: int, b
         episodes, _ = advance(reach, episodes, *chosen)
         solved[rows], failure[rows] = episodes.solved, episodes.failure
         n_moves[rows] += episodes.accepted.long()
+        tried[rows] += 1
         if backtrack:
             episodes = _taken_back(reach, episodes, rows, pick, place, n_moves)
             failure[rows] = episodes.failure
-    return Rollout(pick, place, n_moves, solved, failure)
+    return Rollout(pick, place, n_moves, tried, solved, failure)
 
 
 def _taken_back(

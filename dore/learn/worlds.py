@@ -31,8 +31,8 @@ class World:
         teacher: labels what is played, on this world's reach; None: the learner learns from its rewards alone.
 
     Raises:
-        InputError: a sampler of another kind, one that `update_after` or the teacher does not go with, or a teacher
-            with updates after anything else than a round or with returns of several steps.
+        InputError: a sampler of another kind; one, or returns of several steps, that do not go with `update_after` or
+            the teacher; or a teacher with updates after anything else than a round.
     """
 
     def __init__(
@@ -45,13 +45,14 @@ class World:
         teacher: ExactTeacher | None = None,
     ) -> None:
         if not has_priorities(buffer):
-            check_uniform(buffer, ", or Prioritized")
+            check_uniform(buffer, " or Prioritized")
         elif teacher or budget.update_after != "round":
             check_uniform(buffer, f" with {'a teacher' if teacher else 'training.update_after=' + budget.update_after}")
         if teacher and budget.update_after != "round":
             raise InputError(f"training.update_after: got {budget.update_after}, want round with a teacher")
-        if teacher and agent.n_steps > 1:
-            raise InputError(f"agent.n_steps: got {agent.n_steps}, want 1 with a teacher")
+        if agent.n_steps > 1 and (teacher or budget.update_after == "step"):
+            beside = "a teacher" if teacher else "training.update_after=step"
+            raise InputError(f"agent.n_steps: got {agent.n_steps}, want 1 with {beside}")
         if budget.update_after != "round" and type(buffer).sample is not ReplayBuffer.sample:
             raise InputError(
                 f"training.update_after: {budget.update_after} draws by itself, want round for this buffer"

@@ -6,7 +6,7 @@ import os
 import time
 
 from dore.configure import make
-from dore.errors import InputError, flag, path_of, whole
+from dore.errors import InputError, path_of, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.rollout import greedy_rollout
@@ -25,21 +25,18 @@ class Learned(Planner):
         reach: may differ from the one trained on; the layout only where the networks serve every layout.
         model: a run directory or a model file; None: the one in the package, which does.
         max_moves: gives up after this many.
-        backtrack: where no legal move is left, take the last one back and choose again (the paper's policy fails
-            there); moves that are taken back count towards `max_moves`, but are not in the plan.
 
     Raises:
         InputError: no such model, a damaged one, or one of another layout.
     """
 
     name = "learned"
+    backtrack = False
+    """See `greedy_rollout`."""
 
-    def __init__(
-        self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int, backtrack: bool = False
-    ) -> None:
+    def __init__(self, reach: Reach, model: str | os.PathLike[str] | None, max_moves: int) -> None:
         self.reach = reach
-        self.max_moves = whole("planners.learned.max_moves", max_moves, 1, at_most=MAX_MOVES)
-        self.backtrack = flag("planners.learned.backtrack", backtrack)
+        self.max_moves = whole(f"planners.{self.name}.max_moves", max_moves, 1, at_most=MAX_MOVES)
         self._file = SHIPPED if model is None else path_of("model", model)
         self._weights, self._config = load_model(self._file)
         self.agent = self.copy_of_agent()
@@ -69,3 +66,13 @@ class Learned(Planner):
         rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves, self.backtrack)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         return [raw_plan_of(rollout, row, share) for row in range(len(batch.target))]
+
+
+class Backtracking(Learned):
+    """The same, but where no legal move is left, and the paper's policy fails, it takes the last one back and goes on.
+
+    Moves that are taken back count towards `max_moves`, but are not in the plan.
+    """
+
+    name = "backtracking"
+    backtrack = True

@@ -30,7 +30,7 @@ def raw_plan_of(rollout: Rollout, row: int, planning_s: float) -> RawPlan:
     failure = Failure(int(rollout.failure[row]))
     reason = "" if solved else "move budget" if failure is Failure.NONE else failure.name.lower().replace("_", " ")
     status = Status.SOLVED if solved else Status.GAVE_UP
-    return RawPlan(moves, status, planning_s, expansions=len(moves), reason=reason)
+    return RawPlan(moves, status, planning_s, expansions=int(rollout.tried[row]), reason=reason)
 
 
 class Policy(Planner):

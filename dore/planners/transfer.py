@@ -129,6 +129,7 @@ class Transfer(Planner):
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self.seed)
             agent = self.base.copy_of_agent()
+            agent.n_steps = 1  # The memory follows each move.
             trainer = self._trainer(agent, memory)
             stopped = trainer.run(lambda progress, tested: None, stop=memory.exhausted)
         rollout: Rollout = greedy_rollout(agent.greedy, self.reach, instance.batch(), self.max_moves)

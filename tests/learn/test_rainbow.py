@@ -11,13 +11,12 @@ from torchrl.data import LazyTensorStorage, ReplayBuffer
 
 from dore.errors import InputError
 from dore.learn import keys
-from dore.learn.checkpoint import load_checkpoint
 from dore.learn.dueling import Dueling
 from dore.learn.n_step import n_step_rows
 from dore.learn.networks import MLP, CellNet
 from dore.learn.player import Player
 from dore.learn.prioritized import Prioritized
-from dore.learn.replay import restore
+from dore.learn.replay import draw, restore
 from tests.commands import TINY, run
 from tests.drawings import wide_hand
 from tests.learn.runs import same, stopped_and_resumed
@@ -128,12 +127,46 @@ def test_alpha_0_is_uniform_and_bad_shares_are_refused():
         Prioritized(2, 0.5)
 
 
-def test_the_errors_of_an_update_become_priorities(tmp_path):
-    options = [*TINY, "buffer=prioritized", "buffer.storage.max_size=3000", "training.max_episodes=60"]
-    assert run("train", [*options, f"run_dir={tmp_path / 'run'}"]) == 0
-    state = load_checkpoint(tmp_path / "run" / "checkpoint.pt")["worlds"]["main"]["buffer"]["sampler"]
-    shares = state["shares"]
-    assert len(shares[shares > 0].unique()) > 50
+def test_the_errors_of_an_update_become_priorities_row_by_row():
+    made, reach = learner(None), wide_hand(3, 4)
+    made.agent.symmetry = False
+    for group in made.optimizer.param_groups:
+        group["lr"] = 0.0
+    player = Player(make_env(reach, 12, 4), made.agent, "round")
+    player.reset()
+    buffer = ReplayBuffer(storage=LazyTensorStorage(16), sampler=Prioritized(1.0, 0.5))
+    buffer.extend(player.play(1.0).rows)
+    sample = restore(draw(buffer, 12))
+    made.learn(sample, made.agent)
+    for row in range(12):
+        alone = made.agent.decode(sample[row : row + 1].exclude(keys.WEIGHT, keys.ERROR))
+        made.agent.loss(alone)
+        torch.testing.assert_close(sample[keys.ERROR][row], alone[keys.ERROR][0])
+    buffer.update_priority(sample[keys.INDEX], sample[keys.ERROR].squeeze(-1))
+    kept = buffer.sampler.state_dict()["shares"]
+    torch.testing.assert_close(kept[sample[keys.INDEX]], sample[keys.ERROR].squeeze(-1))
+
+
+def test_weights_where_no_pick_succeeded_are_no_reason_to_diverge():
+    loss, batch = sequential("natural"), transition(False, picked=False)
+    batch[keys.WEIGHT] = torch.tensor([0.5])
+    found = loss(batch)
+    assert found["loss_place"].item() == 0.0
+    assert found["loss_pick"].isfinite()
+
+
+@pytest.mark.parametrize("more", ["buffer=prioritized", "agent.n_steps=3"])
+def test_a_run_does_not_go_on_with_another_part(tmp_path, capsys, more):
+    common = [*TINY, "training.max_episodes=30", f"run_dir={tmp_path / 'run'}"]
+    assert run("train", common) == 0
+    assert run("train", [*common, more, "existing=continue", "training.max_episodes=60"]) == 2
+    assert "was started with" in capsys.readouterr().err
+
+
+def test_transfer_follows_each_move_also_with_a_model_of_several(tmp_path):
+    assert run("train", [*TINY, "agent.n_steps=3", "training.max_episodes=30", f"run_dir={tmp_path / 'run'}"]) == 0
+    options = ["planner=transfer", f"model={tmp_path / 'run'}", "limit=20", "planners.transfer.max_seconds=1"]
+    assert run("evaluate", [*options, "instances=z3-7", "instances.test_size=20"]) == 0
 
 
 @pytest.mark.parametrize("options", [["buffer=prioritized", "agent.n_steps=3"]])
@@ -173,6 +206,11 @@ def test_a_dueling_head_is_a_value_and_advantages_of_mean_0():
     assert not made.serves_every_layout
 
 
+def test_dueling_heads_need_a_network():
+    with pytest.raises(InputError, match=r"network\.body: got None, want a network"):
+        Dueling(wide_hand(3, 4), n_planes=2, n_outputs=(12,), body=None)
+
+
 def test_a_dueling_network_serves_the_layouts_that_its_body_serves():
     small, large = wide_hand(3, 4), wide_hand(5, 5)
     made = Dueling(small, n_planes=2, n_outputs=(12,), body=partial(CellNet, width=8, blocks=1))
@@ -192,6 +230,11 @@ def test_a_dueling_network_serves_the_layouts_that_its_body_serves():
         (["buffer=prioritized", "teacher=imitation"], "want RandomSampler with a teacher"),
         (["agent.n_steps=2", "agent.chain=literal"], "agent.n_steps: got 2, want 1 with agent.chain=literal"),
         (["agent.n_steps=2", "teacher=demonstrations"], "agent.n_steps: got 2, want 1 with a teacher"),
+        (["agent.n_steps=2", "training.update_after=step"], "want 1 with training.update_after=step"),
+        (
+            ["buffer=prioritized", "buffer.sampler.alpha=-1"],
+            "want a finite number of 0 or more and at most 1",
+        ),
         (["agent.n_steps=0"], "agent.n_steps: got 0"),
     ],
 )

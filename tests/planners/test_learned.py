@@ -7,7 +7,7 @@ import torch
 
 from dore.errors import InputError
 from dore.learn.rollout import greedy_rollout
-from dore.planners.learned import Learned
+from dore.planners.learned import Backtracking, Learned
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
 from dore.world.plan import Status
@@ -53,13 +53,20 @@ def test_it_gives_up_as_stuck_only_where_all_boards_that_it_can_reach_are_seen(b
     assert not any(int(n) for n, failure in zip(back.n_moves, back.failure, strict=True) if failure)
 
 
-def test_its_plans_replay(batch):
+def test_its_plans_replay_and_solve_more(batch):
     """`plan` replays every plan that it returns; boards that were left again are not in it."""
-    planners = [Learned(REACH, None, max_moves=24, backtrack=backtrack) for backtrack in (False, True)]
+    planners = [kind(REACH, None, max_moves=24) for kind in (Learned, Backtracking)]
     greedy, back = ([plan.status is Status.SOLVED for plan in planner.plan(batch)] for planner in planners)
     assert all(b or not a for a, b in zip(greedy, back, strict=True))
+    assert sum(back) > sum(greedy)
 
 
-def test_backtrack_is_true_or_false():
-    with pytest.raises(InputError, match=r"planners.learned.backtrack: got 1, want true or false"):
-        Learned(REACH, None, max_moves=24, backtrack=1)
+def test_moves_that_are_taken_back_are_boards_that_were_expanded(batch):
+    plans = Backtracking(REACH, None, max_moves=24).plan(batch)
+    assert any(plan.expansions > len(plan.moves) for plan in plans)
+    assert all(plan.expansions <= 24 for plan in plans)
+
+
+def test_bad_input_names_the_planner():
+    with pytest.raises(InputError, match=r"planners.backtracking.max_moves: got 0"):
+        Backtracking(REACH, None, max_moves=0)

@@ -37,7 +37,7 @@ class Hyperparameters:
     double: double Q-learning (the paper's DQN is plain).
     loss_function: smooth_l1 or l2 (the paper's, eq. 3).
     symmetry: learn from each stored move or its mirror image, at random (the paper does not).
-    n_steps: learn from what so many moves bring; 1, as in the paper: from each move alone.
+    n_steps: the rewards of how many moves make a return; 1: one-step targets, as in the paper.
 
     Raises:
         InputError: a value outside its domain.
