@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from dore.errors import InputError
+from dore.learn.agents.common import _network_of
 from dore.learn.networks import MLP, ConvNet
 from dore.world.layout import Layout
 from dore.world.reach import Reach
@@ -63,3 +64,41 @@ def test_conv_refuses_an_irregular_layout():
 def test_bad_sizes(network, says):
     with pytest.raises(InputError, match=says):
         network(reach=GRID, n_planes=1, n_outputs=(12,))
+
+
+class Alone(torch.nn.Module):
+    """Returns one tensor instead of a tuple."""
+
+    def __init__(self, reach, n_planes, n_outputs):
+        super().__init__()
+        self.layer = torch.nn.Linear(n_planes * reach.n_cells, n_outputs[0])
+
+    def forward(self, planes):
+        return self.layer(planes.flatten(1))
+
+
+class Narrow(Alone):
+    """Has one output too few."""
+
+    def forward(self, planes):
+        return (super().forward(planes)[:, 1:],)
+
+
+class Deep(Alone):
+    """Cannot take these planes."""
+
+    def forward(self, planes):
+        return (self.layer(planes),)
+
+
+@pytest.mark.parametrize(
+    ("network", "says"),
+    [
+        (Alone, r"network: Alone returns Tensor of planes \[1, 3, 12\], want a tuple of shapes \[\(1, 12\)\]"),
+        (Narrow, r"network: Narrow returns \[\(1, 11\)\]"),
+        (Deep, r"network: Deep cannot take planes \[1, 3, 12\]"),
+    ],
+)
+def test_a_network_of_other_outputs_is_refused_when_it_is_made(network, says):
+    with pytest.raises(InputError, match=says):
+        _network_of(network, reach=GRID, n_planes=3, n_outputs=(12,))

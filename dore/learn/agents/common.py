@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, Self
@@ -172,12 +172,30 @@ def _network_of(factory: NetworkFactory, **given: Any) -> torch.nn.Module:
     """A network; where a factory wants `layout`, as in versions up to 0.2, the error says what it gets instead."""
     try:
         network: torch.nn.Module = call(factory, "network", **given)
+        _check_outputs(network, **given)
     except InputError as error:
         if re.search(r"argument:? '(reach|layout)'", str(error)):
             wanted = "want a class made by (reach, n_planes, n_outputs, ...); reach.layout is the layout"
             raise InputError(f"{error}; {wanted}") from None
         raise
     return network
+
+
+@torch.no_grad()
+def _check_outputs(network: torch.nn.Module, reach: Reach, n_planes: int, n_outputs: Sequence[int]) -> None:
+    """Raise InputError where a network does not return one Float[B, n] for each n of `n_outputs`, as a tuple."""
+    given, name = (1, n_planes, reach.n_cells), type(network).__name__
+    wanted = [(1, n) for n in n_outputs]
+    parameter = next(network.parameters(), torch.zeros(0))
+    network.eval()  # A norm over the batch takes no single row while it learns.
+    try:
+        found = network(torch.zeros(given, device=parameter.device))
+    except (RuntimeError, TypeError, ValueError, IndexError) as error:
+        raise InputError(f"network: {name} cannot take planes {list(given)} ({str(error).splitlines()[0]})") from None
+    network.train()
+    shapes = [tuple(one.shape) for one in found] if isinstance(found, tuple) else type(found).__name__
+    if shapes != wanted:
+        raise InputError(f"network: {name} returns {shapes} of planes {list(given)}, want a tuple of shapes {wanted}")
 
 
 def never_empty(mask: Tensor) -> Tensor:
