@@ -1,6 +1,6 @@
 """The dense boards that the network fails on though a plan is proved, and how each of its tries goes wrong.
 
-python -m scripts.failures out=FOLDER [model=FILE] [worlds=[3x6_wide_hand,...]] [boards=1000] [picture=FILE]
+python -m scripts.failures out=FOLDER [model=FILE] [worlds=[3x6_wide_hand,...]] [boards=500] [picture=FILE]
 Boards are of `instances=dense`, of the validation split, so that the test split stays unseen. FOLDER/rows.csv has a row
 a board, and the picture the first failing ones; `dore-report study=failures` makes the page.
 """
@@ -39,7 +39,7 @@ PROOF_S = 10.0
 """A proof is given up after so many seconds of its own."""
 MAX_NODES, MAX_MOVES = 100_000, 40
 """Of the search that says which choices are those of a shortest plan."""
-WORLDS = ("3x6_wide_hand", "3x6_paper_fit", "6x6_wide_hand", "6x6_paper_fit", "8x8_wide_hand", "8x8_paper_fit")
+WORLDS = ("3x6_wide_hand", "3x6_paper_fit", "6x6_wide_hand", "6x6_paper_fit")
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Options:
     out: Path
     model: Path = SHIPPED
     worlds: list[str] = field(default_factory=lambda: list(WORLDS))
-    boards: int = 1000
+    boards: int = 500
     picture: Path = Path("docs/results/failures.png")
 
     def __post_init__(self) -> None:

@@ -102,6 +102,7 @@ class Transfer(Planner):
             max_grad_norm=10.0,
             averaging=None,
             precision="float32",
+            clock="cpu",
         )
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
