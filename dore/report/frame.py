@@ -95,7 +95,10 @@ def trainings(root: Path, pattern: str) -> Source:
 def _tests(folder: Path, about: Mapping[str, Any]) -> pd.DataFrame:
     tests = read_table(folder / METRICS_FILE, ("episodes", "seconds", "success", "updates"), text=())
     tests = tests[tests.success.notna()]
-    return tests.assign(**about, best=tests.success.max()) if len(tests) else pd.DataFrame([about])
+    if tests.empty:
+        return pd.DataFrame([about])
+    more = pd.DataFrame({**about, "best": tests.success.max()}, index=tests.index)
+    return pd.concat([tests.drop(columns=tests.columns.intersection(more.columns)), more], axis=1)
 
 
 Read = Callable[[Path, Mapping[str, Any]], pd.DataFrame]
