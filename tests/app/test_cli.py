@@ -179,7 +179,7 @@ def test_evaluate_writes_rows_and_prints_a_table(model, tmp_path, capsys):
     ("overrides", "says"),
     [
         (["planner=nobody"], "Could not find 'planner/nobody'"),
-        (["planner=[exact,nobody]"], "planner: got nobody, want one of its options: beam, exact, graph_search, guided"),
+        (["planner=[exact,nobody]"], "planner: got nobody, want one of its options: backtracking, beam, exact"),
         (["split=train"], "split: got 'train', want test or validation"),
         (["timing=x"], "timing: got 'x', want one of single, batched"),
         (["limit=0"], "limit: got 0"),

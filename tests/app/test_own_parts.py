@@ -55,8 +55,8 @@ def test_a_sweep_of_options_from_two_folders(tmp_path, own):
 def test_messages_know_the_own_options(own, capsys):
     for wrong, says in (
         ("layuot=3x6", "layuot: no such key (did you mean layout?); train has:"),
-        ("network=smal", "Available options in 'network': cells conv mlp relations small smaller"),
-        ("network=3", "network: got 3, want one of its options: cells, conv, mlp, relations, small"),
+        ("network=smal", "Available options in 'network': cells conv dueling mlp relations small smaller"),
+        ("network=3", "network: got 3, want one of its options: cells, conv, dueling, mlp, relations, small"),
         ("network.width=[3]", "network.width: no such key (did you mean widths?)"),
     ):
         more = ["network=small"] if not wrong.startswith("network=") else []

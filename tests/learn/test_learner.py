@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+from tensordict import TensorDict
 
 from dore.learn.budget import Budget
 from dore.learn.evaluator import PerformanceTest
@@ -67,9 +68,10 @@ def test_a_large_sample_is_decoded_in_parts_and_learned_whole():
     made.update = lambda batch, agent: (sizes.append(len(batch)), torch.zeros(()))[1]  # type: ignore[method-assign]
     made.agent.loss.double = True
     decoded: list[int] = []
-    sample = torch.arange(2 * DECODED_AT_ONCE + 8)
+    n = 2 * DECODED_AT_ONCE + 8
+    sample = TensorDict({"row": torch.arange(n)}, batch_size=[n])
     made.agent.decode = lambda rows: (decoded.append(len(rows)), rows)[1]  # type: ignore[method-assign]
-    losses = made.learn(sample, made.agent)  # type: ignore[arg-type]
+    losses = made.learn(sample, made.agent)
     assert decoded == [DECODED_AT_ONCE, DECODED_AT_ONCE, 8]
     assert set(sizes) == {4}
     assert len(losses) == len(sample) // 4

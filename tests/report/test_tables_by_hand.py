@@ -67,7 +67,9 @@ def test_tables_2_and_3_by_hand(tables):
         assert cell(cells, learning, "TL episodes", column)["mean"] == 96
     assert cell(cells, learning, "TL seconds, paper / ours", "all")["mean"] == 143 / 2
     assert facts["budgets"] == ["exact 60 s, transfer 60 s"]
-    assert facts["trained"][0].startswith("`single` DQN: trained with 3-7 obstacles, seed 0, 120 s, 900 episodes")
+    assert facts["trained"][0].startswith(
+        "`single` DQN: trained with 3-7 obstacles, seed 0, 120 CPU s, 900 episodes of "
+    )
 
 
 def test_table_1_by_hand(tables):
