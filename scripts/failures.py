@@ -114,7 +114,7 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
     reach = build.reach_of(cfg, "cpu")
     learned, exact = build.planners_of(cfg, reach)
     instances = build.splits_of(cfg, reach).validation(reach)
-    batch = instances.batch()
+    batch, labeller = instances.batch(), Labeller(reach, MAX_NODES, MAX_MOVES)
     costs = corridor_costs(reach, *batch).now.tolist()
     found = []
     for number, (problem, proof, tried, now) in enumerate(
@@ -123,7 +123,7 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
         failed = proof.status is Status.SOLVED and tried.status is not Status.SOLVED
         row = {"world": name, "instance": number, "obstacles": len(problem.scene.obstacles)}
         row |= {"optimum": proof.optimal_moves, "now": now, "stop_reason": tried.reason if failed else ""}
-        way, mistake = way_of(problem, tried, exact) if failed else ({}, None)
+        way, mistake = way_of(problem, tried, exact, labeller) if failed else ({}, None)
         found.append(Board(row | {key: way.get(key) for key in WAY}, mistake))
     return found
 
@@ -132,7 +132,7 @@ WAY = ("made", "nearest", "nearer", "level", "farther", "mistake", "before", "af
 """What a row says of a failing plan."""
 
 
-def way_of(problem: Problem, tried: Plan, exact: Planner) -> tuple[dict[str, Any], Mistake | None]:
+def way_of(problem: Problem, tried: Plan, exact: Planner, labeller: Labeller) -> tuple[dict[str, Any], Mistake | None]:
     """How the distance to the end changes along the network's plan; and its first mistake, if it makes one."""
     shown = panels_of(problem, tried)
     boards = [Batch.of(panel.problem) for panel in shown]
@@ -145,7 +145,7 @@ def way_of(problem: Problem, tried: Plan, exact: Planner) -> tuple[dict[str, Any
     if wrong is None or left[wrong] is None:
         return way, None
     before, panel = int(left[wrong] or 0), shown[wrong]
-    wasted = Labeller(problem.reach, MAX_NODES, MAX_MOVES).label(boards[wrong]).wasted[0]
+    wasted = labeller.label(boards[wrong]).wasted[0]
     choice = choice_of(wasted[panel.move.pick]) if panel.move else "not decided"
     mistake = Mistake(wrong + 1, panel, plans[wrong].moves[0], before, left[wrong + 1], choice)
     return way | {key: getattr(mistake, {"mistake": "number"}.get(key, key)) for key in WAY[5:]}, mistake

@@ -128,20 +128,21 @@ def maps_of(wanted: Wanted, model: Path, probabilities: bool = False) -> tuple[M
         raise InputError(f"model: {model} has no pick and place network, want one of agent=sequential")
     reach, difficulty = agent.reach, Difficulty(wanted.obstacles, wanted.obstacles)
     instances = InstanceSet.generate(reach, AMONG, difficulty, "validation", seed=0)
-    fewest = Labeller(reach, MAX_NODES, MAX_MOVES).fewest(instances.batch())
+    labeller = Labeller(reach, MAX_NODES, MAX_MOVES)
+    fewest = labeller.fewest(instances.batch())
     for row in (fewest == wanted.optimum).nonzero().squeeze(-1).tolist():
-        maps = _maps(agent, instances.batch(slice(row, row + 1)), probabilities)
+        maps = _maps(agent, labeller, instances.batch(slice(row, row + 1)), probabilities)
         if wanted.right in (None, all(one.right for one in maps)):
             return maps
     such = "" if wanted.right is None else f", with a first move that is {'right' if wanted.right else 'wrong'}"
     raise InputError(f"{wanted.layout}: none of {AMONG} boards needs {wanted.optimum} moves{such}")
 
 
-def _maps(agent: Sequential, start: Batch, probabilities: bool) -> tuple[Map, Map]:
+def _maps(agent: Sequential, labeller: Labeller, start: Batch, probabilities: bool) -> tuple[Map, Map]:
     """Both maps of a board."""
     reach, (board, target) = agent.reach, start
     visited, scene = board[:, None], problems_of(reach, start)[0].scene
-    best = Labeller(reach, MAX_NODES, MAX_MOVES).label(start).wasted[0] == 0
+    best = labeller.label(start).wasted[0] == 0
     shown = _probabilities if probabilities else lambda values, legal: values
     legal = legal_moves(reach, board, target, visited).pick[0]
     pick = Map(scene, shown(agent.pick_values(board, target)[0], legal), legal, best.any(-1), probabilities)
