@@ -29,7 +29,7 @@ from dore.planners.base import Planner
 from dore.report.measurements import write_measurements
 from dore.report.panels import panels
 from dore.world.labeller import UNKNOWN, Labeller
-from dore.world.plan import Move, Plan, Status
+from dore.world.plan import Plan, Status
 from dore.world.problem import Batch, Problem
 from scripts.program import composed, run
 
@@ -60,36 +60,23 @@ class Options:
                 raise InputError(f"worlds: got {name!r}, want LAYOUT_REACH, as 3x6_paper_fit")
 
 
-@dataclass(frozen=True)
-class Mistake:
-    """The network's first move after which no plan of one move fewer is proved.
-
-    number: the move's, from 1. panel: the board before it, and the move. best: the first move of a shortest plan from
-    there. before, after: the fewest moves before and after the network's move; `after` is None where there is no plan,
-    or no proof in time. choice: what was wrong: `pick`, no place for this obstacle would have been optimal; `place`,
-    another one would; `not decided`.
-    """
-
-    number: int
-    panel: Panel
-    best: Move
-    before: int
-    after: int | None
-    choice: str
-
-
 class Board(NamedTuple):
-    """A validation board: its row, and what the network's plan gets wrong there, if anything.
+    """A validation board: its row, and where the network's plan goes wrong, if it does.
 
     Of the row: instance: the number in the set, from 1. obstacles: how many. optimum: the proved fewest moves. now: the
     corridor cost. stop_reason: why the network's plan stops without the target, empty where it does not. made: its
     moves; nearest: the fewest moves that were left on the way; nearer, level, farther: how many of its moves brought
-    the end nearer, kept the distance or took it farther away; after the first mistake: mistake, before, after and
-    choice, as of `Mistake`.
+    the end nearer, kept the distance or took it farther away. mistake: the number of the first move after which no
+    plan of one move fewer is proved, from 1; before, after: the fewest moves before and after it, `after` empty where
+    there is no plan, or no proof in time; choice: what was wrong: `pick`, no place for this obstacle would have been
+    optimal; `place`, another one would; `not decided`.
+
+    mistake: the board before that move, and the move. best: the same board, and the first move of a shortest plan.
     """
 
     row: dict[str, Any]
-    mistake: Mistake | None
+    mistake: Panel | None
+    best: Panel | None
 
 
 def main(options: Options) -> None:
@@ -123,8 +110,8 @@ def boards_of(name: str, model: Path, boards: int) -> list[Board]:
         failed = proof.status is Status.SOLVED and tried.status is not Status.SOLVED
         row = {"world": name, "instance": number, "obstacles": len(problem.scene.obstacles)}
         row |= {"optimum": proof.optimal_moves, "now": now, "stop_reason": tried.reason if failed else ""}
-        way, mistake = way_of(problem, tried, exact, labeller) if failed else ({}, None)
-        found.append(Board(row | {key: way.get(key) for key in WAY}, mistake))
+        way, *drawn = way_of(problem, tried, exact, labeller) if failed else Board({}, None, None)
+        found.append(Board(row | {key: way.get(key) for key in WAY}, *drawn))
     return found
 
 
@@ -132,8 +119,8 @@ WAY = ("made", "nearest", "nearer", "level", "farther", "mistake", "before", "af
 """What a row says of a failing plan."""
 
 
-def way_of(problem: Problem, tried: Plan, exact: Planner, labeller: Labeller) -> tuple[dict[str, Any], Mistake | None]:
-    """How the distance to the end changes along the network's plan; and its first mistake, if it makes one."""
+def way_of(problem: Problem, tried: Plan, exact: Planner, labeller: Labeller) -> Board:
+    """How the distance to the end changes along the network's plan, and its first mistake, if it makes one."""
     shown = panels_of(problem, tried)
     boards = [Batch.of(panel.problem) for panel in shown]
     plans = exact.plan(Batch(torch.cat([one.board for one in boards]), torch.cat([one.target for one in boards])))
@@ -143,12 +130,11 @@ def way_of(problem: Problem, tried: Plan, exact: Planner, labeller: Labeller) ->
     way |= {"nearer": steps.count(-1), "level": steps.count(0), "farther": steps.count(1)}
     wrong = next((index for index, step in enumerate(steps) if step != -1), None)
     if wrong is None or left[wrong] is None:
-        return way, None
-    before, panel = int(left[wrong] or 0), shown[wrong]
-    wasted = labeller.label(boards[wrong]).wasted[0]
+        return Board(way, None, None)
+    panel, wasted = shown[wrong], labeller.label(boards[wrong]).wasted[0]
     choice = choice_of(wasted[panel.move.pick]) if panel.move else "not decided"
-    mistake = Mistake(wrong + 1, panel, plans[wrong].moves[0], before, left[wrong + 1], choice)
-    return way | {key: getattr(mistake, {"mistake": "number"}.get(key, key)) for key in WAY[5:]}, mistake
+    way |= {"mistake": wrong + 1, "before": left[wrong], "after": left[wrong + 1], "choice": choice}
+    return Board(way, panel, replace(panel, move=plans[wrong].moves[0]))
 
 
 def choice_of(wasted: Tensor) -> str:
@@ -180,20 +166,19 @@ def draw(path: Path, worlds: Sequence[Sequence[Board]]) -> None:
 
 def sides(board: Board) -> list[tuple[str, Panel]]:
     """The titles and the boards of a failure: a shortest plan's move, the network's move."""
-    row, mistake = board
-    if mistake is None:
+    row, mistake, best = board
+    if mistake is None or best is None:
         return []
-    move, best = mistake.panel, replace(mistake.panel, move=mistake.best)
-    left = f"{mistake.after} left" if mistake.after is not None else "no plan proved"
+    left = "no plan proved" if row["after"] is None else f"{row['after']} left"
     layout, _, reach = row["world"].partition("_")
-    shortest = f"a shortest plan: {best.words}, {mistake.before - 1} left"
-    networks = f"the network's move {mistake.number}: {move.words}, {left}"
+    name = f"{layout.replace('x', ' x ')}, {reach}, {row['obstacles']} obstacles, no. {row['instance']}"
     return [
+        (f"{name}\na shortest plan: {best.words}, {row['before'] - 1} left", best),
         (
-            f"{layout.replace('x', ' x ')}, {reach}, {row['obstacles']} obstacles, no. {row['instance']}\n{shortest}",
-            best,
+            f"optimum {row['optimum']}; wrong {row['choice']}\n"
+            f"the network's move {row['mistake']}: {mistake.words}, {left}",
+            mistake,
         ),
-        (f"optimum {row['optimum']}; wrong {mistake.choice}\n{networks}", move),
     ]
 
 

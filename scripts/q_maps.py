@@ -14,16 +14,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
-from matplotlib import colormaps
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.patches import Circle, Patch, Rectangle
 from torch import Tensor
 
 from dore.app.front_door import load_model
-from dore.draw.board_art import OBSTACLE_COLOUR, RADIUS, TARGET_COLOUR, draw_cells, on_paper
 from dore.draw.style import INK, save_figure
+from dore.draw.value_map import ValueMap, draw_map, map_legend, ring
 from dore.errors import InputError
 from dore.learn.agents.sequential import Sequential
 from dore.learn.checkpoint import Q_NETWORK, SHIPPED
@@ -31,12 +26,10 @@ from dore.report.panels import panels
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet, problems_of
 from dore.world.labeller import Labeller
-from dore.world.problem import Batch, Scene, cell_id
+from dore.world.problem import Batch, cell_id
 from dore.world.rules import legal_moves, legal_places
 from scripts.program import run
 
-CMAP = colormaps["viridis"]
-ILLEGAL, CHOICE, BEST = "#dcdde0", "#d62728", "white"
 AMONG = 400
 """Instances among which a board with the wanted optimum is looked for."""
 MAX_NODES, MAX_MOVES = 100_000, 30
@@ -81,30 +74,6 @@ FIG_1 = (
 )
 
 
-@dataclass(frozen=True)
-class Map:
-    """One network's values on a board: Float[G], and Bool[G], which of them it may choose from.
-
-    optimal: Bool[G], which choices a shortest plan makes. per_cent: the values are probabilities.
-    """
-
-    scene: Scene
-    values: Tensor
-    legal: Tensor
-    optimal: Tensor
-    per_cent: bool = False
-
-    @property
-    def choice(self) -> int:
-        """The greedy one's cell."""
-        return int(self.values.masked_fill(~self.legal, -torch.inf).argmax())
-
-    @property
-    def right(self) -> bool:
-        """Whether a shortest plan makes the same choice."""
-        return bool(self.optimal[self.choice])
-
-
 def main(options: Options) -> None:
     """Write the PNG."""
     name, boards = ("probabilities", FIG_1) if options.probabilities else ("q_values", BOARDS)
@@ -117,7 +86,7 @@ def main(options: Options) -> None:
 
 
 @torch.no_grad()
-def maps_of(wanted: Wanted, model: Path, probabilities: bool = False) -> tuple[Map, Map]:
+def maps_of(wanted: Wanted, model: Path, probabilities: bool = False) -> tuple[ValueMap, ValueMap]:
     """The pick network's map, and the place network's after the lift.
 
     Raises:
@@ -138,18 +107,18 @@ def maps_of(wanted: Wanted, model: Path, probabilities: bool = False) -> tuple[M
     raise InputError(f"{wanted.layout}: none of {AMONG} boards needs {wanted.optimum} moves{such}")
 
 
-def _maps(agent: Sequential, labeller: Labeller, start: Batch, probabilities: bool) -> tuple[Map, Map]:
+def _maps(agent: Sequential, labeller: Labeller, start: Batch, probabilities: bool) -> tuple[ValueMap, ValueMap]:
     """Both maps of a board."""
     reach, (board, target) = agent.reach, start
     visited, scene = board[:, None], problems_of(reach, start)[0].scene
     best = labeller.label(start).wasted[0] == 0
     shown = _probabilities if probabilities else lambda values, legal: values
     legal = legal_moves(reach, board, target, visited).pick[0]
-    pick = Map(scene, shown(agent.pick_values(board, target)[0], legal), legal, best.any(-1), probabilities)
+    pick = ValueMap(scene, shown(agent.pick_values(board, target)[0], legal), legal, best.any(-1), probabilities)
     cell = torch.tensor([pick.choice])
     left = replace(scene, obstacles=tuple(one for one in scene.obstacles if one != pick.choice))
     legal = legal_places(reach, board, target, visited, cell)[0]
-    return pick, Map(
+    return pick, ValueMap(
         left, shown(agent.move_values(board, target, cell)[0], legal), legal, best[pick.choice], probabilities
     )
 
@@ -159,7 +128,7 @@ def _probabilities(values: Tensor, legal: Tensor) -> Tensor:
     return 100 * values.masked_fill(~legal, -torch.inf).softmax(-1)
 
 
-def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
+def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[ValueMap, ValueMap]]]) -> None:
     """Write the PNG: a column a board, its picks above its places."""
     flat = all(maps[0].scene.layout.n_cells <= 18 for _, maps in drawn)
     figure, places = panels(2 * len(drawn), len(drawn), 4.0, 2.7 if flat else 4.2)
@@ -169,53 +138,12 @@ def draw(path: Path, drawn: Sequence[tuple[Wanted, tuple[Map, Map]]]) -> None:
         above = f"{size}, {wanted.about}: optimum {wanted.optimum}\npick {pick}", f"place {pick} on {place}"
         for one, axes, title in zip(maps, pair, above, strict=True):
             axes.set_title(title, fontsize=9, color=INK, pad=4)
-            bar = figure.colorbar(_board(axes, one), ax=axes, shrink=0.5, pad=0.02, aspect=18)
+            bar = figure.colorbar(draw_map(axes, one), ax=axes, shrink=0.5, pad=0.02, aspect=18)
             bar.ax.tick_params(labelsize=6.5, colors=INK, pad=2)
-        lifted = Circle(
-            on_paper(maps[0].scene, maps[0].choice), RADIUS * maps[0].scene.layout.cell_m, fill=False, lw=1.2
-        )
-        lifted.set(edgecolor=OBSTACLE_COLOUR, linestyle=(0, (3, 2)))
-        pair[1].add_patch(lifted)
-    handles = [
-        Patch(facecolor=TARGET_COLOUR, label="target"),
-        Patch(facecolor=OBSTACLE_COLOUR, label="obstacle"),
-        Patch(facecolor="white", edgecolor=OBSTACLE_COLOUR, ls="--", label="lifted from here"),
-        Patch(facecolor="white", edgecolor=CHOICE, lw=2, label="the greedy choice"),
-        Patch(facecolor=BEST, edgecolor=INK, label="a shortest plan's choice"),
-        Patch(facecolor=ILLEGAL, label="cannot be chosen"),
-    ]
+        pair[1].add_patch(ring(maps[0].scene, maps[0].choice))
     look = {"ncols": 6, "fontsize": 8.5, "frameon": False, "labelcolor": INK}
-    figure.legend(handles=handles, loc="outside lower center", **look)
+    figure.legend(handles=map_legend(), loc="outside lower center", **look)
     save_figure(figure, path, dpi=160)
-
-
-def _board(axes: Axes, one: Map) -> ScalarMappable:
-    """One map: what may be chosen coloured by its value, the rest grey."""
-    scene, values, edge = one.scene, one.values[one.legal], one.scene.layout.cell_m
-    low, high = (0.0, 100.0) if one.per_cent else (float(values.min()), float(values.max()))
-    colours = ScalarMappable(Normalize(low, high), CMAP)
-    digits = 2 if high - low < 10 else 1
-    standing = {**dict.fromkeys(scene.obstacles, OBSTACLE_COLOUR), scene.target: TARGET_COLOUR}
-    draw_cells(axes, scene)
-    for cell in range(scene.layout.n_cells):
-        x, y = on_paper(scene, cell)
-        legal, value = bool(one.legal[cell]), float(one.values[cell])
-        fill = colours.to_rgba(value) if legal else ILLEGAL
-        axes.add_patch(Rectangle((x - edge / 2, y - edge / 2), edge, edge, facecolor=fill, edgecolor="white", lw=0.6))
-        if cell in standing:
-            axes.add_patch(Circle((x, y), RADIUS * edge, facecolor=standing[cell], edgecolor="white", lw=0.8))
-        if one.optimal[cell]:
-            dot = Circle((x + 0.34 * edge, y + 0.34 * edge), 0.06 * edge, facecolor=BEST, edgecolor=INK, lw=0.8)
-            axes.add_patch(dot)
-        if legal:
-            ink = "white" if cell in standing or sum(fill[:3]) < 1.5 else INK
-            axes.text(x, y, f"{value:.{digits}f}", fontsize=6, color=ink, ha="center", va="center_baseline")
-    x, y = on_paper(scene, one.choice)
-    frame = Rectangle(
-        (x - 0.46 * edge, y - 0.46 * edge), 0.92 * edge, 0.92 * edge, fill=False, edgecolor=CHOICE, lw=2.2
-    )
-    axes.add_patch(frame)
-    return colours
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ PARTS = ("buffer", "network")
 """Those below which a key that a run does not have means another part, as a sampler."""
 FIRST = {"agent.n_steps": 1}
 """What runs that do not have a key learned by."""
-BUDGET_KEYS = ("training.min_episodes", "training.max_episodes", "training.max_minutes")
+BUDGET_KEYS = tuple(f"training.{key}" for key in ("min_episodes", "max_episodes", "max_minutes", "max_updates"))
 """Those of its budget, which alone may change when it is resumed."""
 
 

@@ -205,8 +205,10 @@ def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None
     done = read_done(folder)
     if not done:
         return None
-    minutes = training["max_minutes"]
-    out_of_time = minutes is not None and done["seconds"] >= 60 * minutes
-    if done["stop_reason"] == BUDGET and not out_of_time and done["episodes"] < training["max_episodes"]:
-        return None
-    return done
+    minutes, updates = training["max_minutes"], training.get("max_updates")  # Earlier runs have no limit of updates.
+    spent = (
+        done["episodes"] >= training["max_episodes"]
+        or (minutes is not None and done["seconds"] >= 60 * minutes)
+        or (updates is not None and done["updates"] >= updates)
+    )
+    return done if spent or done["stop_reason"] != BUDGET else None

@@ -124,9 +124,8 @@ def _run(session: Session) -> int:
 
 def _resume_with(folder: Path, trainer: Trainer) -> str:
     """The command that continues a run whose budget is spent, with twice as much of it."""
-    budget, minutes = trainer.budget, trainer.progress.seconds / 60
-    timed = budget.max_minutes is not None and minutes >= budget.max_minutes
-    more = f"max_minutes={2 * (budget.max_minutes or 0):g}" if timed else f"max_episodes={2 * budget.max_episodes}"
+    limit = trainer.nearest_limit
+    more = f"{limit}={2 * getattr(trainer.budget, limit):g}"
     return f"resume with: dore-train {pasted('resume', folder)} training.{more}"
 
 

@@ -43,7 +43,8 @@ class Budget:
     """When a run ends without passing, and how it learns on the way.
 
     min_episodes: before these no test ends the run: plans get shorter after success is high (paper: 0).
-    max_episodes: T_lim. max_minutes: of training, None for no limit.
+    max_episodes: T_lim. max_minutes, max_updates: of training, None for no limit; the round that reaches max_updates is
+        the last one.
     clock: what minutes and seconds are counted by: the wall's clock, or the CPU time of this process, which is fair
         between runs on a busy machine.
     fill: transitions of uniformly random play that are stored before anything counts (Algorithm 2, line 1; Table 5's
@@ -74,7 +75,8 @@ class Budget:
     averaging: float | None
     precision: Precision
     lr_end: float = 1.0  # Run folders of version 0.1 do not name it,
-    clock: Clock = "wall"  # nor those of 0.2 this.
+    clock: Clock = "wall"  # nor those of 0.2 these two.
+    max_updates: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("min_episodes", "fill"):
@@ -85,6 +87,8 @@ class Budget:
         for name in ("max_minutes", "max_grad_norm"):
             if getattr(self, name) is not None:
                 number(f"training.{name}", getattr(self, name), above=0.0)
+        if self.max_updates is not None:
+            whole("training.max_updates", self.max_updates, 1)
         decay_of(self.averaging)
         number("training.lr_end", self.lr_end, above=0.0, at_most=1.0)
         one_of("training.update_after", self.update_after, Unit)

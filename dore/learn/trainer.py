@@ -32,7 +32,7 @@ class StopReason(StrEnum):
     PASSED = "passed"
     """The last IPT passed."""
     BUDGET = "budget"
-    """Episodes or minutes are spent."""
+    """Episodes, minutes or updates are spent."""
     INTERRUPTED = "interrupted"
     """Asked to stop; the run can be resumed from its checkpoint."""
 
@@ -132,30 +132,41 @@ class Trainer:
         return tested
 
     def spent(self) -> bool:
-        """Whether the episodes or minutes are used up."""
+        """Whether the episodes, minutes or updates are used up."""
         return self._share_spent() >= 1.0
 
     def _share_spent(self) -> float:
-        """The share of the episodes or of the minutes that is used up, whichever is more, at most 1."""
-        return min(1.0, max(self._shares_spent()))
+        """The share that is used up of what is used up most, at most 1."""
+        return min(1.0, max(self._shares_spent().values()))
 
-    def _shares_spent(self) -> list[float]:
-        """The share of the episodes, and that of the minutes where they are limited."""
-        shares = [self.progress.episodes / self.budget.max_episodes]
-        if self.budget.max_minutes is not None:
-            shares.append(self.progress.seconds / (60 * self.budget.max_minutes))
+    def _shares_spent(self) -> dict[str, float]:
+        """The share of the episodes that is used up, and those of the minutes and updates where they are limited."""
+        progress, budget = self.progress, self.budget
+        shares = {"max_episodes": progress.episodes / budget.max_episodes}
+        if budget.max_minutes is not None:
+            shares["max_minutes"] = progress.seconds / (60 * budget.max_minutes)
+        if budget.max_updates is not None:
+            shares["max_updates"] = progress.updates / budget.max_updates
         return shares
+
+    @property
+    def nearest_limit(self) -> str:
+        """The key of the limit of which the largest share is used up."""
+        shares = self._shares_spent()
+        return max(reversed(shares), key=shares.__getitem__)
 
     def way_to_end(self) -> tuple[float, float, str]:
         """How far the run is on the way to what can end it next, how far that is, and in which unit.
 
-        That is the end of its minutes if it has limited ones, else the next IPT that it can pass, or its last episode.
+        That is the end of its minutes or updates if it has limited ones, else the next IPT that it can pass, or its
+        last episode.
         """
         progress, budget = self.progress, self.budget
-        shares = self._shares_spent()
-        if len(shares) == 2 and shares[1] >= shares[0]:
+        if self.nearest_limit == "max_minutes":
             minutes = float(budget.max_minutes or 0.0)
             return min(round(progress.seconds / 60, 2), minutes), minutes, "min"
+        if self.nearest_limit == "max_updates":
+            return progress.updates, float(budget.max_updates or 0), "updates"
         tests = max(progress.episodes // self.test_every + 1, math.ceil(budget.min_episodes / self.test_every))
         return progress.episodes, min(tests * self.test_every, budget.max_episodes), "ep"
 

@@ -64,6 +64,7 @@ def test_it_learns_and_stops_when_the_ipt_passes(tmp_path):
         ("training.max_episodes=3000", (2122, 3000, "ep")),
         ("training.min_episodes=22000", (2122, 25000, "ep")),  # to the first test that can end it
         ("training.max_minutes=4", (1.5, 4.0, "min")),
+        ("training.max_updates=400", (300, 400, "updates")),
         ("training.max_minutes=4000", (2122, 5000, "ep")),  # its episodes are spent long before
     ],
 )
@@ -72,7 +73,8 @@ def test_the_bar_runs_to_what_ends_the_run(budget, way):
     options = [*TINY, "training.max_episodes=100000", "ipt.every_episodes=5000", budget]
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
         trainer = trainer_of(hydra.compose("train", options))
-    trainer.progress.episodes, trainer.progress.seconds = 2122, 90.0
+    progress = trainer.progress
+    progress.episodes, progress.seconds, progress.updates = 2122, 90.0, 300
     assert trainer.way_to_end() == way
 
 
@@ -84,6 +86,18 @@ def test_a_run_leaves_its_files(tmp_path):
     assert list((tmp_path / "run" / "tensorboard").rglob("events*"))
     _, config = load_model(tmp_path / "run")
     assert config["layout"]["rows"] == 3
+
+
+def test_a_run_ends_with_its_updates_and_goes_on_with_more(tmp_path, capsys):
+    options = [*TINY, "training.max_episodes=100000", f"run_dir={tmp_path / 'run'}", "existing=continue"]
+    for limit in (10, 30):
+        assert run("train", [*options, f"training.max_updates={limit}"]) == 0
+        done = json.loads((tmp_path / "run" / "done.json").read_text())
+        assert done["stop_reason"] == "budget"
+        assert limit <= done["updates"] < limit + 10
+    capsys.readouterr()
+    assert run("train", [f"resume={tmp_path / 'run'}"]) == 0
+    assert "training.max_updates=60" in capsys.readouterr().out
 
 
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):
@@ -133,6 +147,7 @@ def test_epsilon_falls_linearly():
     [
         ({"max_episodes": 0}, "training.max_episodes: got 0"),
         ({"max_minutes": -1.0}, "training.max_minutes: got -1"),
+        ({"max_updates": 0}, "training.max_updates: got 0"),
         ({"batch_size": 2.5}, r"training.batch_size: got 2\.5"),
         ({"precision": "half"}, "training.precision: got 'half', want one of float32, bfloat16"),
     ],

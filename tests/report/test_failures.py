@@ -43,17 +43,19 @@ def test_a_mistake_is_the_first_move_that_brings_no_end_nearer(untrained):
     assert [board.row["instance"] for board in boards] == list(range(1, 41))
     failed = [board for board in boards if board.row["stop_reason"]]
     assert failed
-    for row, mistake in failed:
+    for row, mistake, best in failed:
         assert mistake is not None
-        assert mistake.before == row["optimum"] - (mistake.number - 1)
-        assert mistake.after is None or mistake.after >= mistake.before
-        assert (mistake.best.pick, mistake.best.place) != (mistake.panel.move.pick, mistake.panel.move.place)
-        assert mistake.panel.move.pick in mistake.panel.problem.scene.obstacles
-        start = Batch.of(mistake.panel.problem)
-        best = Labeller(mistake.panel.problem.reach, 100_000, 30).label(start).wasted[0, mistake.panel.move.pick] == 0
-        assert row["choice"] == ("place" if best.any() else "pick")
+        assert best is not None
+        assert row["before"] == row["optimum"] - (row["mistake"] - 1)
+        assert row["after"] is None or row["after"] >= row["before"]
+        assert best.problem == mistake.problem
+        assert (best.move.pick, best.move.place) != (mistake.move.pick, mistake.move.place)
+        assert mistake.move.pick in mistake.scene.obstacles
+        labeller = Labeller(mistake.problem.reach, 100_000, 30)
+        optimal = labeller.label(Batch.of(mistake.problem)).wasted[0, mistake.move.pick] == 0
+        assert row["choice"] == ("place" if optimal.any() else "pick")
         assert row["nearer"] + row["level"] + row["farther"] <= row["made"]
-        assert row["nearest"] <= row["optimum"] - (mistake.number - 1)
+        assert row["nearest"] <= row["before"]
     assert all(board.mistake is None and board.row["made"] is None for board in boards if not board.row["stop_reason"])
 
 
