@@ -55,12 +55,18 @@ def test_the_page_tells_last_from_best_and_how_far_a_run_is(tmp_path):
     ):
         folder = run_folder(tmp_path / "runs" / name, *tests, **done)
         assert run(main, Options, [f"run={folder}", f"out={tmp_path / 'literal' / name}"]) == 0
-    lines = [line for line in page(tmp_path).splitlines() if line.startswith("| sequential")]
+    every = page(tmp_path).splitlines()
+    lines = [line for line in every if line.startswith("| sequential")]
     head = "| sequential | 6x6, 3-8 | 0 |"
     assert lines == [
         f"{head} as printed | 95 | 40.0 | 91.0 (12,000) | 30,000 | 100.0 % | 3 | at T_lim |",
         f"{head} natural | 95 | 91.0 | 91.0 (12,000) | 12,000 | 40.0 % | 1 | under way |",
         f"{head} step | 95 | - | - | 0 | 0 % | 0 | fills its replay |",
+    ]
+    readings = [line for line in every if line.startswith(("| as printed", "| natural", "| step"))]
+    assert readings == [
+        "| as printed | 62.5 | 64.5 | - | - | 91.0 | 30,000 | 100.0 % |",
+        "| natural | 62.5 | - | - | - | 91.0 | 12,000 | 40.0 % |",
     ]
     assert (tmp_path / "literal.png").stat().st_size > 20_000
 
