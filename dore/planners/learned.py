@@ -5,14 +5,17 @@ from __future__ import annotations
 import os
 import time
 
+from torch import Tensor
+
 from dore.configure import make
 from dore.errors import InputError, path_of, whole
 from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.rollout import greedy_rollout
 from dore.planners.base import Planner, RawPlan
-from dore.planners.policy import raw_plan_of
-from dore.world.episode import MAX_MOVES
+from dore.planners.policy import raw_plan_of, winning_else
+from dore.planners.shorten import shortened
+from dore.world.episode import MAX_MOVES, Episodes
 from dore.world.layout import Layout
 from dore.world.problem import Batch
 from dore.world.reach import Reach
@@ -60,10 +63,14 @@ class Learned(Planner):
             raise InputError(f"model: {self._file} does not fit its own config ({why})") from None
         return agent
 
+    def choose(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
+        """The Int64[B] (pick, place) cells of the largest legal values."""
+        return self.agent.greedy(episodes)
+
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
         """The greedy episodes, all at once."""
         began = time.perf_counter()
-        rollout = greedy_rollout(self.agent.greedy, self.reach, batch, self.max_moves, self.backtrack)
+        rollout = greedy_rollout(self.choose, self.reach, batch, self.max_moves, self.backtrack)
         share = (time.perf_counter() - began) / max(1, len(batch.target))
         return [raw_plan_of(rollout, row, share) for row in range(len(batch.target))]
 
@@ -76,3 +83,23 @@ class Backtracking(Learned):
 
     name = "backtracking"
     backtrack = True
+
+
+class Refined(Backtracking):
+    """As `Backtracking`; it also makes a winning move where there is one, and leaves needless moves out of its plan.
+
+    A winning move makes the target accessible. The rest is the network's: nothing is searched for.
+    """
+
+    name = "refined"
+
+    def choose(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
+        """A winning move of each episode, or the network's."""
+        return winning_else(self.reach, episodes, super().choose(episodes))
+
+    def raw_plans(self, batch: Batch) -> list[RawPlan]:
+        """The episodes, all at once, and each plan shortened."""
+        plans, began = super().raw_plans(batch), time.perf_counter()
+        shorter = shortened(self.reach, batch, plans)
+        share = (time.perf_counter() - began) / max(1, len(plans))
+        return [plan._replace(planning_s=plan.planning_s + share) for plan in shorter]

@@ -122,3 +122,14 @@ def legal_pairs(reach: Reach, episodes: Episodes) -> tuple[Tensor, Tensor, Tenso
     board = episodes.board[row]
     places = legal_places(reach, board, episodes.target[row], episodes.visited[row], pick)
     return row, pick, lift(board, pick), places
+
+
+def winning_else(reach: Reach, episodes: Episodes, other: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Int64[B] (pick, place): the first legal move that makes the target accessible, or `other` where there is none."""
+    row, cell, lifted, places = legal_pairs(reach, episodes)
+    pair, to = (places & opening_places(reach, lifted, episodes.target[row])).nonzero(as_tuple=True)
+    pick, place = (one.clone() for one in other)
+    # From the last to the first, so that the first one stays.
+    for one, where in zip(reversed(pair.tolist()), reversed(to.tolist()), strict=True):
+        pick[row[one]], place[row[one]] = cell[one], where
+    return pick, place

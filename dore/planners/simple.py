@@ -7,7 +7,7 @@ from torch import Tensor
 
 from dore.errors import seed_of
 from dore.learn.corridor_features import corridor_costs
-from dore.planners.policy import Policy, legal_pairs, opening_places, random_move
+from dore.planners.policy import Policy, legal_pairs, random_move, winning_else
 from dore.world.board import bit
 from dore.world.episode import Episodes
 from dore.world.reach import Reach
@@ -39,13 +39,7 @@ class WinElseRandom(Random):
 
     def choose(self, episodes: Episodes, number: int) -> tuple[Tensor, Tensor]:
         """The first winning move of each episode, or a random legal one."""
-        pick, place = super().choose(episodes, number)
-        row, cell, lifted, places = legal_pairs(self.reach, episodes)
-        pair, to = (places & opening_places(self.reach, lifted, episodes.target[row])).nonzero(as_tuple=True)
-        # From the last to the first, so that the first one stays.
-        for one, where in zip(reversed(pair.tolist()), reversed(to.tolist()), strict=True):
-            pick[row[one]], place[row[one]] = cell[one], where
-        return pick, place
+        return winning_else(self.reach, episodes, super().choose(episodes, number))
 
 
 class Lookahead(Policy):

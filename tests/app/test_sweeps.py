@@ -71,6 +71,13 @@ def test_one_broken_job_is_named_and_the_others_finish(tmp_path, capsys):
     ]
 
 
+def test_a_key_that_one_job_does_not_know_stops_the_sweep_before_it_starts(tmp_path, capsys):
+    options = [*TINY, SERIAL, f"hydra.sweep.dir={tmp_path}", "agent=single,sequential", "agent.n_slots=9"]
+    assert run("train", ["-m", *options]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("dore-train: agent.n_slots: no such key")
+    assert not list(tmp_path.glob("*/*"))
+
+
 @pytest.mark.slow
 def test_a_sweep_again_skips_resumes_and_starts_over(tmp_path, capsys):
     arguments = ["-m", *TINY, SERIAL, "seed=0,1,2", f"hydra.sweep.dir={tmp_path}"]
