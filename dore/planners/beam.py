@@ -16,6 +16,7 @@ from torch import Tensor
 
 from dore.errors import whole
 from dore.planners.base import RawPlan
+from dore.planners.policy import opening_places
 from dore.planners.priors import Prior
 from dore.world.board import bit
 from dore.world.plan import Status
@@ -65,9 +66,10 @@ class Beam:
     """One search of each instance, which keeps the most probable boards of every layer, none twice.
 
     The probability of a move is a softmax over what can be picked times one over where it can be placed; that of a
-    board the product along the moves to it. A search ends at the first layer that holds a solution, of several the
-    most probable; or when a layer is empty; or when its budget is spent. Plans may be as long as it takes. An
-    instance whose target is accessible at the start has a plan of no moves, and is not searched.
+    board the product along the moves to it. Moves that make the target accessible are all made, however improbable. A
+    search ends at the first layer that holds a solution, of several the most probable; or when a layer is empty; or
+    when its budget is spent. Plans may be as long as it takes. An instance whose target is accessible at the start has
+    a plan of no moves, and is not searched.
 
     Args:
         start: boards Int64[n, W] and targets Int64[n].
@@ -136,7 +138,7 @@ class Beam:
 
     def _expand(self) -> None:
         """The next layer."""
-        moves = self._top_moves()
+        moves = _Moves(*map(torch.cat, zip(self._winning_moves(), self._top_moves(), strict=True)))
         row, log_p = self.row[moves.source], self.log_p[moves.source] + moves.log_p
         solves = retrievable(self.reach, moves.board, self.target[row]).tolist()
         order = log_p.argsort(descending=True, stable=True).tolist()
@@ -170,6 +172,17 @@ class Beam:
         pair, place, second = _best(self.prior.place_values(board, target, pick), allowed, self.shape.places)
         after = lifted[pair] | bit(place, lifted.shape[-1])
         return _Moves(source[pair], pick[pair], place, after, first[pair] + second)
+
+    def _winning_moves(self) -> _Moves:
+        """Every move that makes the target accessible, as the most probable one of its board."""
+        board, target = self.board, self.target[self.row]
+        source, pick = accessibility(self.reach, board, target).pick.nonzero(as_tuple=True)
+        lifted, target = lift(board[source], pick), target[source]
+        cell = torch.arange(self.reach.n_cells, device=board.device)
+        places = accessibility(self.reach, lifted, target).place & (cell != pick[:, None])
+        pair, place = (places & opening_places(self.reach, lifted, target)).nonzero(as_tuple=True)
+        after = lifted[pair] | bit(place, lifted.shape[-1])
+        return _Moves(source[pair], pick[pair], place, after, torch.zeros(len(pair), device=board.device))
 
     def _keep(self, kept: list[int]) -> None:
         """Drop the other boards of the layer."""

@@ -8,6 +8,7 @@ from dore.errors import number, whole
 from dore.planners.base import Planner, RawPlan
 from dore.planners.beam import Beam, Shape
 from dore.planners.priors import Values, prior_of
+from dore.planners.shorten import shortened
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
@@ -15,7 +16,8 @@ from dore.world.reach import Reach
 class BeamSearch(Planner):
     """Beam search by a prior over picks and places (`dore.planners.beam`); `Guided` adds exact search to it.
 
-    Its plans are not proved to be the shortest, and it proves no instance unsolvable.
+    Needless moves are left out of its plans (`dore.planners.shorten`). They are not proved to be the shortest, and it
+    proves no instance unsolvable.
 
     Args:
         reach: may differ from the one trained on.
@@ -52,7 +54,7 @@ class BeamSearch(Planner):
         self.prior = prior_of("planners.beam", reach, values, model, temperature, seed)
 
     def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """Search all instances together."""
+        """Search all instances together, and shorten their plans."""
         n = len(batch.target)
         beam = Beam(self.reach, self.prior, batch, self.shape, [self.max_nodes] * n, [self.max_seconds] * n)
-        return [plan for plan, _ in beam.raw_plans()]
+        return shortened(self.reach, batch, [plan for plan, _ in beam.raw_plans()])

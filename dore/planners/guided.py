@@ -13,6 +13,7 @@ from dore.planners.base import Planner, RawPlan
 from dore.planners.beam import Beam, Shape
 from dore.planners.compiled import raw_plan_of
 from dore.planners.priors import Values, prior_of
+from dore.planners.shorten import shortened
 from dore.world.kernels import slices
 from dore.world.kernels.search import search
 from dore.world.kernels.slices import Limits
@@ -113,8 +114,9 @@ class Guided(Planner):
         left = [self._left(one) or self.limits for one in tries]
         seconds = [BEAM_SHARE * limits.seconds for limits in left]
         beam = Beam(self.reach, self.prior, batch, self.shape, [limits.nodes for limits in left], seconds)
-        for one, (plan, cpu_s) in zip(tries, beam.raw_plans(), strict=True):
-            one.cpu_s += cpu_s
+        plans, cpu_s = zip(*beam.raw_plans(), strict=True)
+        for one, plan, spent in zip(tries, shortened(self.reach, batch, plans), cpu_s, strict=True):
+            one.cpu_s += spent
             one.add(plan)
 
     def _left(self, one: _Try) -> Limits | None:

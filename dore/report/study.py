@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple
@@ -145,6 +146,10 @@ def _value(entry: Spec, group: pd.DataFrame) -> Estimate:
         return Estimate(0)
     measure = measures.measure_named(entry["measure"])
     given = {key: entry[key] for key in ("of", "to") if key in entry}
+    try:
+        inspect.signature(measure).bind(group, **given)
+    except TypeError as error:
+        raise InputError(f"measure: {entry['measure']} of row {entry['row']!r}: {error}") from None
     if over := entry.get("over"):
         each = [measure(one, **given) for _, one in group.groupby(over, sort=False)]
         return estimates.spread([one.mean for one in each])

@@ -6,6 +6,7 @@ import torch
 
 from dore.planners.beam_search import BeamSearch
 from dore.world.generator import Difficulty, FreshInstances
+from dore.world.labeller import Labeller
 from dore.world.plan import Status
 from dore.world.problem import Batch
 from tests.drawings import wide_hand
@@ -53,3 +54,12 @@ def test_an_accessible_target_needs_no_move():
     first, second = BeamSearch(reach, **KEYS).plan(batch)  # type: ignore[arg-type]
     assert (first.status, first.moves, first.expansions) == (Status.SOLVED, (), 0)
     assert len(second.moves) > 0
+
+
+def test_a_winning_move_is_made_however_improbable():
+    reach = wide_hand(6, 6)
+    batch = FreshInstances(reach, Difficulty(4, 8), "validation", 1).draw(60)
+    one_move = [row for row, n in enumerate(Labeller(reach, 10_000, 20).fewest(batch).tolist()) if n == 1]
+    assert len(one_move) > 10
+    plans = BeamSearch(reach, **{**KEYS, "values": "random", "width": 1, "picks": 1, "places": 1}).plan(batch)  # type: ignore[arg-type]
+    assert all(len(plans[row].moves) == 1 for row in one_move)
