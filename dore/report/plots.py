@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from dore.draw import style
-from dore.draw.style import FAINT, INK
+from dore.draw.style import FAINT, INK, SERIES
 from dore.errors import InputError
 from dore.report.expressions import chosen, numbers
 from dore.report.frame import Source, Spec
@@ -172,14 +173,18 @@ def band(runs: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, ...
 
 
 def _dots(spec: Spec, cells: pd.DataFrame, sources: Mapping[str, Source]) -> Figure:
-    """One panel per metric: a dot for each row, with its range; a dashed line at the first row of each kind."""
+    """One panel per metric: a dot for each row, with its range; a dashed line at the first row of each kind.
+
+    A row's kind is what its name has before a colon; rows without one are drawn faint.
+    """
     figure, axes = panels(len(spec["metrics"]), 2, 5.2, 0.3 * max(cells.groupby("metric")["row"].nunique()) + 0.6)
     for one, metric in zip(axes, spec["metrics"], strict=True):
         mine = cells[(cells.metric == metric) & (cells.column == spec["column"])].reset_index(drop=True)
         kinds = mine["row"].str.partition(": ")[0]
-        colours = dict(zip(dict.fromkeys(kinds), (COLOURS["blue"], COLOURS["red"]), strict=False))
+        named = dict.fromkeys(kinds[mine["row"].str.contains(": ")])
+        colours = dict(zip(named, cycle(SERIES), strict=False))
         for kind, line in mine.groupby(kinds, sort=False):
-            colour = colours[str(kind)]
+            colour = colours.get(kind, FAINT)
             one.hlines(line.index, line.low, line.high, color=colour, lw=1.4)
             one.plot(line["mean"], line.index, "o", mfc="white", mec=colour, ms=6)
             one.plot(
