@@ -205,7 +205,7 @@ def finished(folder: Path, training: Mapping[str, Any]) -> dict[str, Any] | None
     done = read_done(folder)
     if not done:
         return None
-    minutes, updates = training["max_minutes"], training.get("max_updates")  # Earlier runs have no limit of updates.
+    minutes, updates = training["max_minutes"], training["max_updates"]
     spent = (
         done["episodes"] >= training["max_episodes"]
         or (minutes is not None and done["seconds"] >= 60 * minutes)

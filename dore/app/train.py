@@ -53,7 +53,7 @@ def _resume(folder: Path, cfg: DictConfig) -> int:
         _check_models(folder, cfg)
         if trainer.spent() and (folder / DONE_FILE).exists():
             done = trainer.progress
-            used = f"{done.episodes} episodes and {done.seconds:.0f} s"
+            used = f"{done.episodes} episodes, {done.updates} updates and {done.seconds:.0f} s"
             print(f"{folder}: the budget is used up ({used}); {_resume_with(folder, trainer)}")
             return ExitCode.OK
         (folder / DONE_FILE).unlink(missing_ok=True)
@@ -125,7 +125,8 @@ def _run(session: Session) -> int:
 def _resume_with(folder: Path, trainer: Trainer) -> str:
     """The command that continues a run whose budget is spent, with twice as much of it."""
     limit = trainer.nearest_limit
-    more = f"{limit}={2 * getattr(trainer.budget, limit):g}"
+    twice = 2 * getattr(trainer.budget, limit)
+    more = f"{limit}={twice:g}" if limit == "max_minutes" else f"{limit}={twice}"
     return f"resume with: dore-train {pasted('resume', folder)} training.{more}"
 
 

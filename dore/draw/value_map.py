@@ -1,4 +1,4 @@
-"""A network's values on a board: what may be chosen by colour, the greedy choice framed, the optimal ones marked."""
+"""A network's values on a board: legal cells coloured by value, the greedy choice framed, optimal ones marked."""
 
 from __future__ import annotations
 

@@ -166,7 +166,8 @@ class Trainer:
             minutes = float(budget.max_minutes or 0.0)
             return min(round(progress.seconds / 60, 2), minutes), minutes, "min"
         if self.nearest_limit == "max_updates":
-            return progress.updates, float(budget.max_updates or 0), "updates"
+            updates = budget.max_updates or 0
+            return min(progress.updates, updates), updates, "updates"
         tests = max(progress.episodes // self.test_every + 1, math.ceil(budget.min_episodes / self.test_every))
         return progress.episodes, min(tests * self.test_every, budget.max_episodes), "ep"
 

@@ -26,7 +26,7 @@ from dore.world.rules import accessibility, lift, retrievable
 
 
 class Shape(NamedTuple):
-    """How much a beam keeps: boards of a layer, picks of a board, and places of a pick."""
+    """How much a beam keeps: boards of a layer, picks of a board, and places of a pick, beside the moves that win."""
 
     width: int
     picks: int
@@ -67,9 +67,9 @@ class Beam:
 
     The probability of a move is a softmax over what can be picked times one over where it can be placed; that of a
     board the product along the moves to it. Moves that make the target accessible are all made, however improbable. A
-    search ends at the first layer that holds a solution, of several the most probable; or when a layer is empty; or
-    when its budget is spent. Plans may be as long as it takes. An instance whose target is accessible at the start has
-    a plan of no moves, and is not searched.
+    search ends at the first layer that holds a solution, of several that from the most probable board; or when a layer
+    is empty; or when its budget is spent. Plans may be as long as it takes. An instance whose target is accessible at
+    the start has a plan of no moves, and is not searched.
 
     Args:
         start: boards Int64[n, W] and targets Int64[n].

@@ -128,8 +128,8 @@ def winning_else(reach: Reach, episodes: Episodes, other: tuple[Tensor, Tensor])
     """Int64[B] (pick, place): the first legal move that makes the target accessible, or `other` where there is none."""
     row, cell, lifted, places = legal_pairs(reach, episodes)
     pair, to = (places & opening_places(reach, lifted, episodes.target[row])).nonzero(as_tuple=True)
-    pick, place = (one.clone() for one in other)
-    # From the last to the first, so that the first one stays.
-    for one, where in zip(reversed(pair.tolist()), reversed(to.tolist()), strict=True):
-        pick[row[one]], place[row[one]] = cell[one], where
+    at, (pick, place) = row[pair], (one.clone() for one in other)
+    first = torch.ones_like(at, dtype=torch.bool)  # Of its episode; `at` ascends.
+    first[1:] = at[1:] != at[:-1]
+    pick[at[first]], place[at[first]] = cell[pair[first]], to[first]
     return pick, place

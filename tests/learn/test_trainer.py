@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 
 import hydra
 import pytest
 import torch
 from hydra.core.global_hydra import GlobalHydra
 
-from dore.app import session
+from dore.app import session, train
 from dore.app.training import trainer_of
 from dore.errors import InputError
 from dore.files import conf_dir
@@ -96,8 +97,16 @@ def test_a_run_ends_with_its_updates_and_goes_on_with_more(tmp_path, capsys):
         assert done["stop_reason"] == "budget"
         assert limit <= done["updates"] < limit + 10
     capsys.readouterr()
+    assert run("train", [*options, "training.max_updates=30"]) == 0
+    assert "finished" in capsys.readouterr().out
     assert run("train", [f"resume={tmp_path / 'run'}"]) == 0
     assert "training.max_updates=60" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("limit", "hint"), [("max_episodes", "=2469134"), ("max_minutes", "=3")])
+def test_the_hint_doubles_what_is_spent(tmp_path, limit, hint):
+    spent = SimpleNamespace(nearest_limit=limit, budget=SimpleNamespace(max_episodes=1_234_567, max_minutes=1.5))
+    assert train._resume_with(tmp_path, spent).endswith(f"training.{limit}{hint}")
 
 
 def test_divergence_stops_the_run(tmp_path, capsys, monkeypatch):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dore.planners.base import RawPlan, checked_plans
+from dore.planners.beam_search import BeamSearch
 from dore.planners.learned import Backtracking, Refined
 from dore.planners.shorten import shortened
 from dore.planners.simple import Random
@@ -46,6 +47,7 @@ def test_no_move_of_a_shortened_plan_can_be_left_out(wandering):
                 if moves[second][0] == place:  # The same obstacle again: once is not enough.
                     once = (pick, moves[second][1])
                     rest = moves[first + 1 : second], moves[second + 1 :]
+                    assert once[0] != once[1] or not solves(row, [*moves[:first], *rest[0], *rest[1]])
                     assert not solves(row, [*moves[:first], once, *rest[0], *rest[1]])
                     assert not solves(row, [*moves[:first], *rest[0], once, *rest[1]])
                     break
@@ -54,13 +56,32 @@ def test_no_move_of_a_shortened_plan_can_be_left_out(wandering):
     assert all(shorter[row] == plan for row, plan in enumerate(wandering) if plan.status is not Status.SOLVED)
 
 
+def refined(monkeypatch, shorten):
+    monkeypatch.setattr("dore.planners.learned.shortened", shorten)
+    return Refined(REACH, None, max_moves=24)
+
+
+def beam(monkeypatch, shorten):
+    monkeypatch.setattr("dore.planners.beam_search.shortened", shorten)
+    return BeamSearch(REACH, None, "random", 1.0, 2, 2, 2, max_nodes=400, max_seconds=1e6, seed=0)
+
+
+@pytest.mark.parametrize("make", [refined, beam])
+def test_their_plans_are_shortened(make, monkeypatch):
+    batch = INSTANCES.batch()
+    plans = make(monkeypatch, shortened).raw_plans(batch)
+    assert [plan.moves for plan in shortened(REACH, batch, plans)] == [plan.moves for plan in plans]
+    longer = make(monkeypatch, lambda reach, batch, plans: list(plans)).raw_plans(batch)
+    assert sum(len(plan.moves) for plan in longer) > sum(len(plan.moves) for plan in plans)
+
+
 def test_a_refined_plan_is_no_longer_and_solves_no_less():
     batch = INSTANCES.batch()
-    plain, refined = (kind(REACH, None, max_moves=24).plan(batch) for kind in (Backtracking, Refined))
-    for one, other in zip(plain, refined, strict=True):
+    plain, better = (kind(REACH, None, max_moves=24).plan(batch) for kind in (Backtracking, Refined))
+    for one, other in zip(plain, better, strict=True):
         assert one.status is not Status.SOLVED or other.status is Status.SOLVED
         assert one.status is not Status.SOLVED or len(other.moves) <= len(one.moves)
-    assert sum(len(plan.moves) for plan in refined) < sum(len(plan.moves) for plan in plain)
+    assert sum(len(plan.moves) for plan in better) < sum(len(plan.moves) for plan in plain)
 
 
 def test_one_move_is_enough_where_one_is():
