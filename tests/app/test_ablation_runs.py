@@ -14,14 +14,21 @@ from dore.files import conf_dir
 from dore.report.runs import StudyRun, jobs_of
 from tests.report.fakes import study
 
-JOBS = [job for jobs in jobs_of(study("ablation"), Path("out")) for job in jobs if job.folder.name.endswith("seed0")]
+EVERY = [job for jobs in jobs_of(study("ablation"), Path("out")) for job in jobs]
+JOBS = [job for job in EVERY if job.kind == "train" and job.folder.name.endswith("seed0")]
+COMMON = ("experiment", "agent", "seed", "training.clock", "training.max_updates", "training.max_minutes")
+"""The keys that every run is given."""
 SMALL = ["instances.train_size=20", "instances.validation_size=20", "ipt.batch_size=20", "env.num_envs=4"]
 SMALL += ["training.learning_starts=1", "training.fill=0"]
 
 
+def key_of(word: str) -> str:
+    return word.removeprefix("~").split("=")[0]
+
+
 def composed(job: StudyRun, own: bool = True):
     GlobalHydra.instance().clear()
-    words = [word for word in job.words if own or word in (*job.words[:2], *job.words[-2:])]
+    words = [word for word in job.words if own or key_of(word) in COMMON]
     with hydra.initialize_config_dir(str(conf_dir()), version_base="1.3"):
         return hydra.compose("train", [*words, *SMALL])
 
@@ -34,7 +41,7 @@ def test_every_change_learns_and_changes_what_it_says(job):
         trainer.iterate()
     was, now = dict(leaves(composed(job, own=False))), dict(leaves(cfg))
     changed = [key for key in {*was, *now} if was.get(key) != now.get(key) and key.split(".")[0] in LEARNING]
-    keys = {word.removeprefix("~").split("=")[0] for word in job.words[2:-2]}
+    keys = {key_of(word) for word in job.words} - {*COMMON}
     assert all(any(one == key or one.startswith(f"{key}.") for key in keys) for one in changed), changed
     assert bool(changed) == ("_none_" not in job.folder.name)
 
