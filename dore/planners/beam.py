@@ -138,7 +138,8 @@ class Beam:
 
     def _expand(self) -> None:
         """The next layer."""
-        moves = _Moves(*map(torch.cat, zip(self._winning_moves(), self._top_moves(), strict=True)))
+        picks = accessibility(self.reach, self.board, self.target[self.row]).pick
+        moves = _Moves(*map(torch.cat, zip(self._winning_moves(picks), self._top_moves(picks), strict=True)))
         row, log_p = self.row[moves.source], self.log_p[moves.source] + moves.log_p
         solves = retrievable(self.reach, moves.board, self.target[row]).tolist()
         order = log_p.argsort(descending=True, stable=True).tolist()
@@ -160,11 +161,11 @@ class Beam:
         self.row, self.board, self.log_p = row[of_kept], moves.board[of_kept], log_p[of_kept]
         self.moved = moves.place[of_kept]
 
-    def _top_moves(self) -> _Moves:
-        """The most probable moves of each board."""
+    def _top_moves(self, picks: Tensor) -> _Moves:
+        """The most probable moves of each board; Bool[N, G] says which obstacles can be picked."""
         board, target = self.board, self.target[self.row]
         cell = torch.arange(self.reach.n_cells, device=board.device)
-        allowed = accessibility(self.reach, board, target).pick & (cell != self.moved[:, None])
+        allowed = picks & (cell != self.moved[:, None])
         source, pick, first = _best(self.prior.pick_values(board, target), allowed, self.shape.picks)
         board, target = board[source], target[source]
         lifted = lift(board, pick)
@@ -173,16 +174,15 @@ class Beam:
         after = lifted[pair] | bit(place, lifted.shape[-1])
         return _Moves(source[pair], pick[pair], place, after, first[pair] + second)
 
-    def _winning_moves(self) -> _Moves:
-        """Every move that makes the target accessible, as the most probable one of its board."""
-        board, target = self.board, self.target[self.row]
-        source, pick = accessibility(self.reach, board, target).pick.nonzero(as_tuple=True)
-        lifted, target = lift(board[source], pick), target[source]
-        cell = torch.arange(self.reach.n_cells, device=board.device)
+    def _winning_moves(self, picks: Tensor) -> _Moves:
+        """Every move that makes the target accessible, as the most probable one of its board; picks: Bool[N, G]."""
+        source, pick = picks.nonzero(as_tuple=True)
+        lifted, target = lift(self.board[source], pick), self.target[self.row][source]
+        cell = torch.arange(self.reach.n_cells, device=picks.device)
         places = accessibility(self.reach, lifted, target).place & (cell != pick[:, None])
         pair, place = (places & opening_places(self.reach, lifted, target)).nonzero(as_tuple=True)
         after = lifted[pair] | bit(place, lifted.shape[-1])
-        return _Moves(source[pair], pick[pair], place, after, torch.zeros(len(pair), device=board.device))
+        return _Moves(source[pair], pick[pair], place, after, torch.zeros(len(pair), device=picks.device))
 
     def _keep(self, kept: list[int]) -> None:
         """Drop the other boards of the layer."""
