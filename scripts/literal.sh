@@ -67,6 +67,10 @@ for seed in 0 1 2; do
     run "sequential_6x6_z3-8_natural_seed$seed" "${other[@]}" agent.chain=natural
     run "sequential_6x6_z3-8_lr0.00025_seed$seed" "${other[@]}" optimizer.lr=0.00025
     run "sequential_6x6_z3-8_step_seed$seed" "${other[@]}" training.update_after=step
+    run "sequential_6x6_z3-8_rmsprop_seed$seed" "${other[@]}" optimizer=rmsprop optimizer.lr=0.00025
+    run "sequential_6x6_z3-8_rmsprop_natural_seed$seed" "${other[@]}" optimizer=rmsprop optimizer.lr=0.00025 agent.chain=natural
+    # Copies every 10,000 steps instead of updates: an episode, and so an update, has some 4.5 steps.
+    run "sequential_6x6_z3-8_copies_in_steps_seed$seed" "${other[@]}" target_update.value_network_update_interval=2199
     run "sequential_6x6_z3-8_wide_hand_seed$seed" "${other[@]}" reach=wide_hand
 done
 [ -n "$seen" ] || {
