@@ -13,8 +13,7 @@ from dore.learn.agents.common import Agent, agent_from_config
 from dore.learn.checkpoint import SHIPPED, load_model
 from dore.learn.rollout import greedy_rollout
 from dore.planners.base import Planner, RawPlan
-from dore.planners.policy import raw_plan_of, winning_else
-from dore.planners.shorten import shortened
+from dore.planners.policy import raw_plan_of
 from dore.world.episode import MAX_MOVES, Episodes
 from dore.world.layout import Layout
 from dore.world.problem import Batch
@@ -83,20 +82,3 @@ class Backtracking(Learned):
 
     name = "backtracking"
     backtrack = True
-
-
-class Refined(Backtracking):
-    """As `Backtracking`; it also makes a winning move where there is one, and leaves needless moves out of its plan.
-
-    A winning move makes the target accessible. The rest is the network's: nothing is searched for.
-    """
-
-    name = "refined"
-
-    def choose(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
-        """A winning move of each episode, or the network's."""
-        return winning_else(self.reach, episodes, super().choose(episodes))
-
-    def raw_plans(self, batch: Batch) -> list[RawPlan]:
-        """The episodes, all at once, and each plan shortened."""
-        return shortened(self.reach, batch, super().raw_plans(batch))

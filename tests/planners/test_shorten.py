@@ -1,17 +1,23 @@
-"""Shortened plans still solve, by an independent replay, and none of their moves can be left out."""
+"""Shortened plans still solve, by an independent replay, and no change of theirs makes them shorter."""
 
 from __future__ import annotations
 
 import pytest
+from torch import Tensor
 
 from dore.planners.base import RawPlan, checked_plans
 from dore.planners.beam_search import BeamSearch
-from dore.planners.learned import Backtracking, Refined
+from dore.planners.learned import Backtracking
+from dore.planners.refined import Refined
 from dore.planners.shorten import shortened
 from dore.planners.simple import Random
+from dore.world.episode import Episodes
 from dore.world.generator import Difficulty
 from dore.world.instances import InstanceSet
+from dore.world.mirror import mirrored_board, mirrored_cell
 from dore.world.plan import PlanError, Status
+from dore.world.problem import Batch
+from dore.world.rules import legal_places
 from tests.drawings import wide_hand
 
 REACH = wide_hand(3, 6)
@@ -21,7 +27,7 @@ INSTANCES = InstanceSet.generate(REACH, 200, Difficulty(6, 9), "validation", see
 @pytest.fixture(scope="module")
 def wandering():
     """Plans of random moves, most of them needless."""
-    return Random(REACH, max_moves=24, max_nodes=2000, max_seconds=1e6, seed=0).raw_plans(INSTANCES.batch())
+    return Random(REACH, max_moves=24, max_nodes=400, max_seconds=1e6, seed=0).raw_plans(INSTANCES.batch())
 
 
 def solves(row: int, moves: list[tuple[int, int]]) -> bool:
@@ -33,31 +39,59 @@ def solves(row: int, moves: list[tuple[int, int]]) -> bool:
     return True
 
 
-def test_no_move_of_a_shortened_plan_can_be_left_out(wandering):
-    shorter = shortened(REACH, INSTANCES.batch(), wandering)
+def fewer(moves: list[tuple[int, int]]):
+    """A move less; of an obstacle that is moved twice, both less or one less."""
+    for first, (pick, place) in enumerate(moves):
+        before, after = moves[:first], moves[first + 1 :]
+        second = next((at for at, (cell, _) in enumerate(after) if cell == place), None)
+        if second is None:
+            yield before + after
+        else:
+            between, end, rest = after[:second], after[second][1], after[second + 1 :]
+            yield from ([*before, *between, *rest], [*before, (pick, end), *between, *rest])
+            yield [*before, *between, (pick, end), *rest]
+
+
+def elsewhere(moves: list[tuple[int, int]]):
+    """One obstacle is put on another cell."""
+    for first, (pick, place) in enumerate(moves):
+        second = next((at for at in range(first + 1, len(moves)) if moves[at][0] == place), None)
+        for cell in range(REACH.n_cells):
+            other = list(moves)
+            other[first] = (pick, cell)
+            if second is not None:
+                other[second] = (cell, moves[second][1])
+            yield other
+
+
+@pytest.fixture(scope="module")
+def shorter(wandering):
+    return shortened(REACH, INSTANCES.batch(), wandering)
+
+
+def test_no_move_of_a_shortened_plan_can_be_left_out(wandering, shorter):
     solved = [row for row, plan in enumerate(wandering) if plan.status is Status.SOLVED]
     assert len(solved) > 100
     for row in solved:
         moves = list(shorter[row].moves)
         assert len(moves) <= len(wandering[row].moves)
         assert solves(row, moves)
-        assert not any(solves(row, moves[:at] + moves[at + 1 :]) for at in range(len(moves)))
-        for first, (pick, place) in enumerate(moves):
-            for second in range(first + 1, len(moves)):
-                if moves[second][0] == place:  # The same obstacle again: once is not enough.
-                    once = (pick, moves[second][1])
-                    rest = moves[first + 1 : second], moves[second + 1 :]
-                    assert once[0] != once[1] or not solves(row, [*moves[:first], *rest[0], *rest[1]])
-                    assert not solves(row, [*moves[:first], once, *rest[0], *rest[1]])
-                    assert not solves(row, [*moves[:first], *rest[0], once, *rest[1]])
-                    break
+        assert not any(solves(row, other) for other in fewer(moves))
     before, after = (sum(len(plans[row].moves) for row in solved) for plans in (wandering, shorter))
     assert after < before / 2
     assert all(shorter[row] == plan for row, plan in enumerate(wandering) if plan.status is not Status.SOLVED)
 
 
+def test_no_move_can_be_left_out_by_putting_another_obstacle_elsewhere(shorter):
+    long = [row for row, plan in enumerate(shorter) if len(plan.moves) > 2][:4]
+    assert len(long) == 4
+    for row in long:
+        for one in fewer(list(shorter[row].moves)):
+            assert not any(solves(row, other) for other in elsewhere(one))
+
+
 def refined(monkeypatch, shorten):
-    monkeypatch.setattr("dore.planners.learned.shortened", shorten)
+    monkeypatch.setattr("dore.planners.refined.shortened", shorten)
     return Refined(REACH, None, max_moves=24)
 
 
@@ -94,3 +128,28 @@ def test_one_move_is_enough_where_one_is():
         weight.data.zero_()
     plans = planner.plan(batch)
     assert all(len(plans[row].moves) == 1 for row in short)
+
+
+def cost(plan: RawPlan) -> int:
+    return len(plan.moves) if plan.status is Status.SOLVED else 99
+
+
+def leftmost(self, episodes: Episodes) -> tuple[Tensor, Tensor]:
+    """The legal move of the lowest cells, so that the plans of a board and of its mirror image differ."""
+    pick = episodes.legal.pick.long().argmax(-1)
+    return pick, legal_places(REACH, episodes.board, episodes.target, episodes.visited, pick).long().argmax(-1)
+
+
+def test_the_better_of_the_plans_of_a_board_and_of_its_mirror_image(monkeypatch):
+    batch = INSTANCES.batch()
+    image = Batch(mirrored_board(batch.board, REACH), mirrored_cell(batch.target, REACH))
+    monkeypatch.setattr(Refined, "choose", leftmost)
+    both = Refined(REACH, None, max_moves=24).raw_plans(batch)
+    monkeypatch.setattr(REACH, "mirror", None)
+    alone, mirrored = (Refined(REACH, None, max_moves=24).raw_plans(one) for one in (batch, image))
+    lengths = [[cost(plan) for plan in plans] for plans in (alone, mirrored)]
+    assert any(one < other for one, other in zip(*lengths, strict=True))
+    assert any(one > other for one, other in zip(*lengths, strict=True))
+    assert [cost(plan) for plan in both] == list(map(min, *lengths))
+    spent = [one.expansions + other.expansions for one, other in zip(alone, mirrored, strict=True)]
+    assert [plan.expansions for plan in both] == spent

@@ -84,18 +84,29 @@ def is_new(boards: np.ndarray, last: int) -> bool:
 
 
 @kernel
-def replay_one(
-    sectors: Sectors, target: int, moves: np.ndarray, n_moves: int, solved: bool, room: np.ndarray, found: np.ndarray
-) -> bool:
-    """Replay int32[2M] moves from the board in room[0], with the sectors into int16[2M + 1]; whether all is right."""
-    if stands(room[0], target):
-        return False
-    for step in range(n_moves):
+def right_moves(
+    sectors: Sectors, target: int, moves: np.ndarray, first: int, n_moves: int, room: np.ndarray, found: np.ndarray
+) -> int:
+    """How many of n_moves int32[2M] moves are right before the first that is not; those before `first` are known to be.
+
+    room[first] is the board before that move, room[:first] the ones before it; the boards after it are written there.
+    """
+    for step in range(first, n_moves):
         for w in range(room.shape[1]):
             room[step + 1, w] = room[step, w]
         pick, place = moves[2 * step], moves[2 * step + 1]
         if not move(sectors, room[step + 1], target, pick, place, found[2 * step :]) or not is_new(room, step + 1):
-            return False
+            return step
+    return n_moves
+
+
+@kernel
+def replay_one(
+    sectors: Sectors, target: int, moves: np.ndarray, n_moves: int, solved: bool, room: np.ndarray, found: np.ndarray
+) -> bool:
+    """Replay int32[2M] moves from the board in room[0], with the sectors into int16[2M + 1]; whether all is right."""
+    if stands(room[0], target) or right_moves(sectors, target, moves, 0, n_moves, room, found) < n_moves:
+        return False
     if solved:
         found[2 * n_moves] = approach(sectors, room[n_moves], target)
     return not solved or found[2 * n_moves] != BLOCKED
