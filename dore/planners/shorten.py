@@ -14,17 +14,20 @@ from dore.world.plan import Status
 from dore.world.problem import Batch
 from dore.world.reach import Reach
 
+MAX_REPLAYS = 200_000
+"""Of a plan, with obstacles on other cells: some 40 ms. Long plans with two of them would take seconds."""
+
 
 def shortened(reach: Reach, batch: Batch, plans: Sequence[RawPlan]) -> list[RawPlan]:
     """The plans of B instances, those that are solved with fewer moves wherever one of these changes allows it:
 
     1. a move is left out; of an obstacle that is moved twice, both moves, or one of them, which then puts it where the
        second one did;
-    2. the same, and one other obstacle is put on another cell than before.
+    2. the same, and one or two other obstacles are put on other cells than before.
 
     A change is made whenever the plan still replays and the target is accessible in the end, the second kind where
-    none of the first is left; until none of either is. The plans of other picks are not searched: a shorter one may
-    exist. The time that this takes is added to that of each plan. Not in the paper.
+    none of the first is left; until none of either is, or `MAX_REPLAYS` are made. No tree of boards is searched, and
+    a shorter plan of other picks may exist. The time that this takes is added to that of each plan. Not in the paper.
     """
     boards, targets = unsigned(batch.board), batch.target.tolist()
     found = list(plans)
@@ -41,5 +44,6 @@ def _shortest(reach: Reach, board: np.ndarray, target: int, moves: Sequence[tupl
     n = len(moves)
     cells, fewer = np.array(moves, np.int32).ravel(), np.empty(2 * n, np.int32)
     room, sectors = np.empty((n + 1, len(board)), np.uint64), np.empty(2 * n + 1, np.int16)
-    left = shorten(tuple(reach.histogram), board, target, cells, n, fewer, room, sectors)
+    replays = np.array([MAX_REPLAYS])
+    left = shorten(tuple(reach.histogram), board, target, cells, n, fewer, room, sectors, replays)
     return [(pick, place) for pick, place in cells[: 2 * left].reshape(-1, 2).tolist()]

@@ -83,11 +83,18 @@ def test_no_move_of_a_shortened_plan_can_be_left_out(wandering, shorter):
 
 
 def test_no_move_can_be_left_out_by_putting_another_obstacle_elsewhere(shorter):
-    long = [row for row, plan in enumerate(shorter) if len(plan.moves) > 2][:4]
+    long = [row for row, plan in enumerate(shorter) if 2 < len(plan.moves) < 6][:4]
     assert len(long) == 4
     for row in long:
         for one in fewer(list(shorter[row].moves)):
             assert not any(solves(row, other) for other in elsewhere(one))
+
+
+def test_nor_by_putting_two_others_elsewhere(shorter):
+    for row in [row for row, plan in enumerate(shorter) if len(plan.moves) == 3][:3]:
+        for one in fewer(list(shorter[row].moves)):
+            both = {tuple(two) for other in elsewhere(one) for two in elsewhere(other)}
+            assert not any(solves(row, list(other)) for other in both)
 
 
 def refined(monkeypatch, shorten):
